@@ -1,0 +1,234 @@
+"""The whole: attention decides what a percept is, motor schemas keep the targets that go with it.
+
+Source: Maistros, Marom & Hayes (2001), section "The Integrated System", Figure 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from pacnet.checkpoint import read_checkpoint, write_checkpoint
+from pacnet.schemas import NO_EPISODE, MotorSchemas, MotorSchemasConfig
+from pacnet.sofm import NOBODY, Attention, HabituatingSOFM, Observation, Response, record
+from pacnet.sofm_config import SOFMConfig
+from pacnet.validation import check_rows
+
+
+@dataclass(frozen=True)
+class PACNetConfig:
+    """Settings of the network's parts.
+
+    Attributes:
+        attention: the growing map.
+        schemas: the motor schemas; their cues are as long as the map's percepts.
+    """
+
+    attention: SOFMConfig
+    schemas: MotorSchemasConfig
+
+    def __post_init__(self) -> None:
+        """Refuses parts that do not fit one another."""
+        percept, cue = self.attention.dimensions, self.schemas.percept_dimensions
+        if percept != cue:
+            raise ValueError(
+                f"expected schemas.percept_dimensions = attention.dimensions = {percept}, got {cue}"
+            )
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> PACNetConfig:
+        """Rebuilds what `dataclasses.asdict` gave, after JSON.
+
+        Raises:
+            ValueError: a field is missing, unknown or out of range.
+        """
+        try:
+            attention, schemas = fields["attention"], fields["schemas"]
+            return cls(SOFMConfig(**attention), MotorSchemasConfig(**schemas))
+        except (KeyError, TypeError) as error:
+            raise ValueError(
+                f"expected the fields of PACNetConfig, got {fields}: {error}"
+            ) from error
+
+
+class Recall(NamedTuple):
+    """What the network recalls for each percept. T percepts."""
+
+    targets: Tensor
+    """Motor targets, `[T, A]`; a row of NaN where nothing is commanded."""
+    commanded: Tensor
+    """Whether there is a target, bool `[T]`: the match is good and the winner has a schema."""
+    winner: Tensor
+    """Nearest node, int64 `[T]`, or `NOBODY`."""
+    activation: Tensor
+    """exp(−distance to the winner), `[T]`."""
+    novelty: Tensor
+    """Whether the activation is under the novelty threshold, bool `[T]`."""
+    position: Tensor
+    """Place of the target in the winner's sequence, int64 `[T]`; −1 where nothing is commanded."""
+
+
+class PACNet(nn.Module):
+    """Perception-action coupling: learns by watching (`observe`), acts on what it sees (`recall`).
+
+    Args:
+        config: see `PACNetConfig`.
+
+    Example:
+        >>> config = PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, percept_dimensions=2))
+        >>> net = PACNet(config)
+        >>> percepts, targets = torch.zeros(20, 2), torch.ones(20, 1)
+        >>> int(net.observe(percepts, targets, episode=0).inserted.sum())
+        1
+        >>> net.recall(percepts[:1]).targets
+        tensor([[1.]])
+    """
+
+    episode: Tensor
+
+    def __init__(self, config: PACNetConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.sofm = HabituatingSOFM(config.attention)
+        self.schemas = MotorSchemas(config.schemas)
+        self.register_buffer("episode", torch.tensor(NO_EPISODE))  # the last one observed
+
+    def forward(self, percepts: Tensor) -> Attention:
+        """Reads the map; see `HabituatingSOFM.forward`."""
+        return self.sofm(percepts)
+
+    @torch.no_grad()
+    def observe(self, percepts: Tensor, targets: Tensor, episode: int) -> Observation:
+        """Learning phase: the map learns the percepts, habituated nodes take the targets.
+
+        In eval mode nothing is learned. Observing a sequence at once equals observing it sample
+        by sample, bit for bit.
+
+        Args:
+            percepts: `[T, D]`, in order of time.
+            targets: `[T, A]`, the target that goes with each percept.
+            episode: number of the learning episode, ≥ 0; a call with the last one's number
+                goes on with it, a larger one starts a new episode.
+
+        Raises:
+            ValueError: wrong shape, dtype or device, empty, not finite, unequal lengths, or an
+                episode before the last one; nothing has been learned then.
+        """
+        self._check_episode(episode)
+        percepts, targets = self._check_pair(percepts, targets)
+        responses = [
+            self._observe_one(percept, target, episode)
+            for percept, target in zip(percepts, targets, strict=True)
+        ]
+        if self.training:
+            self.episode.fill_(episode)
+        return record(responses)
+
+    def _observe_one(self, percept: Tensor, target: Tensor, episode: int) -> Response:
+        response = self.sofm.attend(percept)
+        if response.inserted:
+            self.schemas.add_node()
+        elif self.training:
+            winner = int(response.attention.winner)
+            self.schemas.write(winner, target, percept, episode, habituated=response.habituated)
+        if response.deleted is not None:
+            self.schemas.delete(response.deleted)
+        return response
+
+    @torch.no_grad()
+    def recall(self, percepts: Tensor) -> Recall:
+        """Recall phase: the winner's current target for each percept, going on from the last call.
+
+        Where the match is not good enough, or the winner has no targets yet, nothing is
+        commanded and the caller's default behaviour acts. `reset` starts a new recall episode.
+
+        Args:
+            percepts: `[T, D]`, in order of time.
+
+        Raises:
+            ValueError: percepts of the wrong shape, dtype or device, empty, or not finite; the
+                recall episode is where it was then.
+        """
+        percepts = self.sofm.scaled(percepts)
+        attention = self.sofm.read(percepts)
+        targets = percepts.new_full(
+            (len(percepts), self.config.schemas.target_dimensions), torch.nan
+        )
+        position = torch.full_like(attention.winner, NOBODY)
+        for sample, (winner, novel) in enumerate(
+            zip(attention.winner.tolist(), attention.novelty.tolist(), strict=True)
+        ):
+            if novel:
+                self.schemas.leave()
+                continue
+            recalled = self.schemas.recall(winner, percepts[sample])
+            if recalled is not None:
+                targets[sample], position[sample] = recalled
+        return Recall(
+            targets, position != NOBODY, attention.winner, attention.activation,
+            attention.novelty, position,
+        )  # fmt: skip
+
+    def reset(self) -> None:
+        """Starts a new recall episode; what was learned stays."""
+        self.schemas.reset()
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
+
+        Args:
+            folder: made if it is missing; a checkpoint in it is replaced, other files stay.
+        """
+        write_checkpoint(folder, asdict(self.config), self.state_dict())
+
+    @classmethod
+    def from_pretrained(cls, folder: str | Path) -> PACNet:
+        """Loads what `save_pretrained` wrote, on the CPU, ready to recall or to go on learning.
+
+        Raises:
+            FileNotFoundError: no checkpoint there.
+            ValueError: a damaged file, an unknown version, or a missing, extra or misshapen tensor.
+        """
+        config, tensors = read_checkpoint(folder)
+        network = cls(PACNetConfig.from_dict(config))
+        expected, got = set(network.state_dict()), set(tensors)
+        if expected != got:
+            missing, extra = sorted(expected - got) or "none", sorted(got - expected) or "none"
+            raise ValueError(
+                f"expected the tensors of a PACNet in '{folder}', "
+                f"got {missing} missing, {extra} extra"
+            )
+        try:
+            network.load_state_dict(tensors)
+        except RuntimeError as error:
+            raise ValueError(
+                f"expected the tensors of this config in '{folder}', got {error}"
+            ) from error
+        if len(network.sofm) != len(network.schemas):
+            raise ValueError(
+                f"expected a motor schema for each node in '{folder}', "
+                f"got {len(network.schemas)} for {len(network.sofm)} nodes"
+            )
+        return network
+
+    def _check_episode(self, episode: int) -> None:
+        if isinstance(episode, bool) or not isinstance(episode, int):
+            raise ValueError(f"expected episode as an int, got {type(episode).__name__}")
+        last = max(0, int(self.episode))
+        if episode < last:
+            raise ValueError(f"expected episode ≥ {last}, the last one observed, got {episode}")
+
+    def _check_pair(self, percepts: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
+        """Checks both and hands back scaled percepts `[T, D]` and targets `[T, A]`."""
+        percepts = self.sofm.scaled(percepts)
+        dimensions = self.config.schemas.target_dimensions
+        targets = check_rows("targets", targets, dimensions, self.schemas.pool.live("target"))
+        if len(percepts) != len(targets):
+            raise ValueError(
+                f"expected one target for each of {len(percepts)} percepts, got {len(targets)}"
+            )
+        return percepts, targets

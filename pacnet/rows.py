@@ -1,0 +1,122 @@
+"""Rows that grow: buffers of equal capacity with a live count, trimmed on save, resized on load.
+
+Growing a module's state row by row needs more than `torch.cat`: a `state_dict` must hold the live
+rows alone, loading must accept any number of them, and deleting a row must touch every column at
+once. `GrowableRows` keeps those three promises for the nodes and edges of the map and for the
+stored targets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+
+class Column(NamedTuple):
+    """What one column holds in each row."""
+
+    shape: tuple[int, ...]
+    dtype: torch.dtype
+
+
+class GrowableRows(nn.Module):
+    """Columns of equal length that grow by doubling.
+
+    Each column is a registered buffer of shape `[capacity, *column.shape]` under its own name; the
+    first `len(rows)` rows are alive and `live(name)` is the view of them. Row numbers are dense:
+    deleting a row moves the later ones down and keeps their order.
+
+    Args:
+        columns: the name of each column and what a row of it holds.
+    """
+
+    def __init__(self, columns: Mapping[str, Column]) -> None:
+        super().__init__()
+        self.columns = dict(columns)
+        self._count = 0
+        for name, column in self.columns.items():
+            self.register_buffer(name, torch.zeros(0, *column.shape, dtype=column.dtype))
+        self.register_state_dict_post_hook(_trim_to_live_rows)
+        self.register_load_state_dict_pre_hook(_make_room_for_loaded_rows)
+
+    def __len__(self) -> int:
+        """The number of live rows."""
+        return self._count
+
+    @property
+    def capacity(self) -> int:
+        """The number of rows that fit without growing."""
+        return self.get_buffer(next(iter(self.columns))).shape[0]
+
+    def live(self, name: str) -> Tensor:
+        """The live rows of a column, `[len(self), *shape]`: a view, valid until the next change."""
+        return self.get_buffer(name)[: self._count]
+
+    def append(self, row: Mapping[str, Tensor | float]) -> int:
+        """Adds one row with a value for every column and returns its number."""
+        index = self.extend(1)
+        for name, value in row.items():
+            self.get_buffer(name)[index] = value
+        return index
+
+    def extend(self, rows: int) -> int:
+        """Adds rows of zeros and returns the number of the first."""
+        first = self._count
+        if first + rows > self.capacity:
+            self._reserve(max(first + rows, 2 * self.capacity, 8))
+        for name in self.columns:
+            self.get_buffer(name)[first : first + rows] = 0
+        self._count += rows
+        return first
+
+    def keep(self, rows: Tensor) -> None:
+        """Keeps the rows with these numbers, in this order, and drops all others.
+
+        Args:
+            rows: row numbers, int64 `[K]`.
+        """
+        for name in self.columns:
+            buffer = self.get_buffer(name)
+            buffer[: len(rows)] = buffer[rows]
+        self._count = len(rows)
+
+    def delete(self, rows: Tensor) -> None:
+        """Deletes the rows with these numbers, int64 `[K]`; the later ones move down."""
+        alive = torch.ones(self._count, dtype=torch.bool, device=rows.device)
+        alive[rows] = False
+        self.keep(alive.nonzero().flatten())
+
+    def _reserve(self, capacity: int) -> None:
+        for name in self.columns:
+            old = self.get_buffer(name)
+            new = old.new_zeros(capacity, *old.shape[1:])
+            new[: self._count] = old[: self._count]
+            setattr(self, name, new)
+
+
+def _trim_to_live_rows(
+    rows: nn.Module, state_dict: dict[str, Tensor], prefix: str, _metadata: object
+) -> None:
+    assert isinstance(rows, GrowableRows)
+    for name in rows.columns:
+        state_dict[prefix + name] = rows.live(name).detach().clone()
+
+
+def _make_room_for_loaded_rows(
+    rows: nn.Module, state_dict: dict[str, Tensor], prefix: str, *_: object
+) -> None:
+    """Resizes every column to the loaded one, for `load_state_dict` refuses any other shape."""
+    assert isinstance(rows, GrowableRows)
+    loaded = {
+        name: state_dict[prefix + name] for name in rows.columns if prefix + name in state_dict
+    }
+    counts = {name: len(tensor) for name, tensor in loaded.items() if tensor.dim() > 0}
+    if len(set(counts.values())) > 1:
+        raise ValueError(f"expected columns of equal length under '{prefix}', got {counts}")
+    for name, count in counts.items():
+        buffer = rows.get_buffer(name)
+        setattr(rows, name, buffer.new_zeros(count, *buffer.shape[1:]))
+        rows._count = count

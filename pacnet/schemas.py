@@ -1,0 +1,222 @@
+"""Motor schemas: for each node of the map a growing sequence of targets, written by three rules.
+
+Source: Maistros, Marom & Hayes (2001), section "The Integrated System". Each target is kept with
+its cue, the percept it was shown with, so that recall can keep pace with what it sees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from pacnet.rows import Column, GrowableRows
+from pacnet.validation import check_fields
+
+NO_EPISODE = -1
+"""The episode of a schema that was never written."""
+
+
+@dataclass(frozen=True)
+class MotorSchemasConfig:
+    """How targets are kept and recalled.
+
+    Attributes:
+        target_dimensions: length A of a target.
+        percept_dimensions: length D of a cue.
+        advance: how the position moves while a node keeps winning. `percept`: to the target whose
+            cue is nearest to the percept, never backwards, so that a slower or faster
+            demonstration is followed at its own pace. `sample`: by one target a sample, as the
+            paper has it.
+        lookahead: with `percept`, how many targets the position may move in one sample.
+    """
+
+    target_dimensions: int
+    percept_dimensions: int
+    advance: Literal["percept", "sample"] = "percept"
+    lookahead: int = 10
+
+    def __post_init__(self) -> None:
+        """Refuses values that have no meaning."""
+        check_fields(
+            self,
+            {
+                "target_dimensions": (self.target_dimensions >= 1, "≥ 1"),
+                "percept_dimensions": (self.percept_dimensions >= 1, "≥ 1"),
+                "advance": (self.advance in ("percept", "sample"), "'percept' or 'sample'"),
+                "lookahead": (self.lookahead >= 1, "≥ 1 targets"),
+            },
+        )
+
+
+class RecalledTarget(NamedTuple):
+    """The current target of a motor schema."""
+
+    target: Tensor  # [A]
+    position: int  # its place in the node's sequence
+
+
+class MotorSchemas(nn.Module):
+    """One growable sequence of targets per node.
+
+    All sequences lie in one pool of (target, cue) rows; `blocks` says where each node's sequence
+    starts, how long it is and how much room it has before it must move to the pool's end. So a
+    sequence is always contiguous, appending costs constant time on average, and a saved pool
+    holds no gaps.
+
+    Args:
+        config: see `MotorSchemasConfig`.
+    """
+
+    def __init__(self, config: MotorSchemasConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.pool = GrowableRows(
+            {
+                "target": Column((config.target_dimensions,), torch.float32),
+                "cue": Column((config.percept_dimensions,), torch.float32),
+            }
+        )
+        number = Column((), torch.int64)
+        self.blocks = GrowableRows(
+            {"start": number, "length": number, "room": number, "episode": number}
+        )
+        self.register_state_dict_pre_hook(_close_gaps)
+        self.reset()
+
+    def __len__(self) -> int:
+        """The number of nodes."""
+        return len(self.blocks)
+
+    @property
+    def lengths(self) -> Tensor:
+        """Number of targets of each node, int64 `[N]`."""
+        return self.blocks.live("length")
+
+    def targets(self, node: int) -> Tensor:
+        """The node's targets in order, `[L, A]`."""
+        return self._sequence("target", node)
+
+    def cues(self, node: int) -> Tensor:
+        """The percepts, in the map's scaled units, that the node's targets were shown with."""
+        return self._sequence("cue", node)
+
+    def reset(self) -> None:
+        """Starts a recall episode: no node is winning and every position is forgotten."""
+        self._winner: int | None = None
+        self._positions: dict[int, int] = {}
+
+    def add_node(self) -> int:
+        """Adds a node with an empty sequence and returns its number."""
+        return self.blocks.append({"start": 0, "length": 0, "room": 0, "episode": NO_EPISODE})
+
+    def delete(self, nodes: Tensor) -> None:
+        """Deletes nodes, int64 `[K]`, with their targets; the later ones move down.
+
+        Their numbers change, so a recall episode in progress starts afresh.
+        """
+        self.blocks.delete(nodes)
+        self.reset()
+
+    @torch.no_grad()
+    def write(
+        self, node: int, target: Tensor, cue: Tensor, episode: int, *, habituated: bool
+    ) -> None:
+        """The three rules of the paper, for one sample at which the node won.
+
+        Args:
+            node: the winner.
+            target: the current target, `[A]`.
+            cue: the percept, scaled, `[D]`.
+            episode: number of the learning episode.
+            habituated: whether the winner is fully habituated.
+        """
+        # Rule 1: not fully habituated, still settling. The schema is left as it is.
+        if not (habituated and self.training):
+            return
+        # Rule 3: a new learning episode. The sequence is cleared, and starts with this target.
+        if int(self.blocks.live("episode")[node]) != episode:
+            self.blocks.live("length")[node] = 0
+            self.blocks.live("episode")[node] = episode
+        # Rule 2: the same learning episode. The target is appended.
+        self._append(node, target, cue)
+
+    @torch.no_grad()
+    def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
+        """The current target of the winner, and its position in the sequence.
+
+        The position is kept per node until `reset`. With `advance="percept"` it goes to the cue
+        nearest to the percept: among all when the node starts to win, again each time it is
+        re-entered; among the next `lookahead` while it keeps winning. With `advance="sample"`
+        it starts at the first target, moves by one a sample, and after re-entry goes on where it
+        was. Off the end, the last target stays.
+
+        Args:
+            node: the winner.
+            percept: `[D]`, scaled.
+
+        Returns:
+            The target, or None if the node has none.
+        """
+        length = int(self.lengths[node])
+        if length == 0:
+            self._winner = node
+            return None
+        if self.config.advance == "percept":
+            position = self._position_by_percept(node, percept, length)
+        else:
+            position = min(self._positions.get(node, -1) + 1, length - 1)
+        self._winner, self._positions[node] = node, position
+        return RecalledTarget(self.targets(node)[position].clone(), position)
+
+    def leave(self) -> None:
+        """Tells that no node won, so that the next winner is entered anew."""
+        self._winner = None
+
+    def _position_by_percept(self, node: int, percept: Tensor, length: int) -> int:
+        first, last = 0, length
+        if node == self._winner:
+            first = self._positions[node]
+            last = min(first + self.config.lookahead + 1, length)
+        cues = self.cues(node)[first:last]
+        return first + int((cues - percept).square().sum(dim=1).argmin())
+
+    def _sequence(self, column: str, node: int) -> Tensor:
+        start, length = int(self.blocks.live("start")[node]), int(self.lengths[node])
+        return self.pool.live(column)[start : start + length]
+
+    def _append(self, node: int, target: Tensor, cue: Tensor) -> None:
+        if self.lengths[node] == self.blocks.live("room")[node]:
+            self._make_room(node)
+        row = int(self.blocks.live("start")[node] + self.lengths[node])
+        self.pool.live("target")[row] = target
+        self.pool.live("cue")[row] = cue
+        self.lengths[node] += 1
+
+    def _make_room(self, node: int) -> None:
+        """Moves the node's sequence to the pool's end, into a block of twice the room."""
+        if len(self.pool) > 4 * max(8, int(self.blocks.live("room").sum())):
+            _close_gaps(self)
+        targets, cues = self.targets(node), self.cues(node)
+        length = len(targets)
+        room = max(8, 2 * length)
+        start = self.pool.extend(room)
+        self.pool.live("target")[start : start + length] = targets
+        self.pool.live("cue")[start : start + length] = cues
+        self.blocks.live("start")[node] = start
+        self.blocks.live("room")[node] = room
+
+
+def _close_gaps(schemas: nn.Module, *_: object) -> None:
+    """Lays the sequences end to end in the order of their nodes; what they hold stays the same."""
+    assert isinstance(schemas, MotorSchemas)
+    blocks = schemas.blocks
+    lengths = blocks.live("length")
+    starts = lengths.cumsum(0) - lengths
+    # Row of the pool for each place: its sequence's old start plus its place within the sequence.
+    shift = torch.repeat_interleave(blocks.live("start") - starts, lengths)
+    schemas.pool.keep(torch.arange(len(shift), device=shift.device) + shift)
+    blocks.live("start").copy_(starts)
+    blocks.live("room").copy_(lengths)

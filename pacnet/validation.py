@@ -1,0 +1,49 @@
+"""Checks at the public boundary: what was expected, what came, before anything changes."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def check_rows(name: str, value: object, columns: int, like: Tensor) -> Tensor:
+    """Checks a batch or sequence of rows and hands it back unchanged.
+
+    Args:
+        name: what the rows are, for the message.
+        value: what the caller gave; expected is a finite tensor `[rows ≥ 1, columns]`.
+        columns: the expected number of columns.
+        like: a tensor of the expected dtype and device.
+
+    Raises:
+        ValueError: not a tensor, or of the wrong shape, dtype or device, or not finite.
+    """
+    wanted = f"expected {name} as a {like.dtype} tensor of shape [rows, {columns}] on {like.device}"
+    if not isinstance(value, Tensor):
+        raise ValueError(f"{wanted}, got {type(value).__name__}")
+    if value.dim() != 2 or value.shape[1] != columns:
+        raise ValueError(f"{wanted}, got shape {list(value.shape)}")
+    if value.dtype != like.dtype:
+        raise ValueError(f"{wanted}, got dtype {value.dtype}")
+    if value.device != like.device:
+        raise ValueError(f"{wanted}, got one on {value.device}")
+    if len(value) == 0:
+        raise ValueError(f"{wanted} with at least one row, got an empty one")
+    finite = torch.isfinite(value).all(dim=1)
+    if not bool(finite.all()):
+        row = int((~finite).nonzero()[0])
+        raise ValueError(f"expected finite {name}, got {value[row].tolist()} in row {row}")
+    return value
+
+
+def check_fields(config: object, checks: dict[str, tuple[bool, str]]) -> None:
+    """Raises a ValueError for the first field whose check failed, naming what is valid.
+
+    Args:
+        config: the config dataclass.
+        checks: for each field, whether its value is valid and what would be.
+    """
+    for field, (valid, wanted) in checks.items():
+        if not valid:
+            kind = type(config).__name__
+            raise ValueError(f"expected {kind}.{field} {wanted}, got {getattr(config, field)!r}")

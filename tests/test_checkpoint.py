@@ -1,0 +1,209 @@
+"""Checkpoints: what a damaged one says, and that a kill leaves the old one or the new one."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
+
+
+def make_network(value: float, advance: str = "percept") -> PACNet:
+    config = PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2, advance=advance))
+    network = PACNet(config)
+    network.observe(torch.full((30, 2), value), torch.full((30, 1), value), episode=0)
+    return network
+
+
+@pytest.fixture
+def checkpoint(tmp_path):
+    make_network(1.0).save_pretrained(tmp_path / "net")
+    return tmp_path / "net"
+
+
+def rewrite_tensors(folder, change) -> None:
+    tensors = load_file(folder / "model.safetensors")
+    change(tensors)
+    save_file(tensors, folder / "model.safetensors")
+
+
+def rewrite_config(folder, **fields) -> None:
+    document = json.loads((folder / "config.json").read_text())
+    (folder / "config.json").write_text(json.dumps({**document, **fields}))
+
+
+def test_a_checkpoint_is_two_files_and_leaves_others_alone(checkpoint):
+    (checkpoint / "metrics.json").write_text("{}")
+    make_network(2.0).save_pretrained(checkpoint)
+    names = sorted(path.name for path in checkpoint.iterdir())
+    assert names == ["config.json", "metrics.json", "model.safetensors"]
+
+
+def test_the_same_network_gives_the_same_bytes(tmp_path):
+    for name in ("one", "two"):
+        make_network(1.0).save_pretrained(tmp_path / name)
+    for file in ("config.json", "model.safetensors"):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
+
+
+def test_a_missing_tensor_is_named(checkpoint):
+    rewrite_tensors(checkpoint, lambda tensors: tensors.pop("schemas.pool.target"))
+    with pytest.raises(ValueError, match=r"schemas.pool.target'\] missing, none extra"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_an_extra_tensor_is_named(checkpoint):
+    rewrite_tensors(checkpoint, lambda tensors: tensors.update(more=torch.zeros(1)))
+    with pytest.raises(ValueError, match=r"none missing, \['more'\] extra"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_a_misshapen_tensor_is_named(checkpoint):
+    def widen(tensors):
+        tensors["sofm.nodes.prototype"] = torch.zeros(1, 5)
+
+    rewrite_tensors(checkpoint, widen)
+    with pytest.raises(ValueError, match=r"nodes.prototype.*\[1, 5\]"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_columns_of_unequal_length_are_named(checkpoint):
+    def shorten(tensors):
+        tensors["schemas.pool.cue"] = tensors["schemas.pool.cue"][:3].clone()
+
+    rewrite_tensors(checkpoint, shorten)
+    with pytest.raises(ValueError, match=r"equal length.*'schemas.pool.'.*'cue': 3"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_fewer_schemas_than_nodes_are_refused(checkpoint):
+    def drop(tensors):
+        for name in ("start", "length", "room", "episode"):
+            tensors[f"schemas.blocks.{name}"] = torch.zeros(0, dtype=torch.int64)
+
+    rewrite_tensors(checkpoint, drop)
+    with pytest.raises(ValueError, match="got 0 for 1 nodes"):
+        PACNet.from_pretrained(checkpoint)
+
+
+@pytest.mark.parametrize("file", ["config.json", "model.safetensors"])
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.99])
+def test_a_truncated_file_is_named(checkpoint, file, share):
+    content = (checkpoint / file).read_bytes()
+    (checkpoint / file).write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ValueError, match=f"expected .*{file}"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_a_newer_version_is_refused(checkpoint):
+    rewrite_config(checkpoint, version=2)
+    with pytest.raises(ValueError, match="version 1, got 2"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_another_format_is_refused(checkpoint):
+    rewrite_config(checkpoint, format="other")
+    with pytest.raises(ValueError, match="format 'pacnet'"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_an_unknown_field_is_named(checkpoint):
+    config = json.loads((checkpoint / "config.json").read_text())["config"]
+    config["attention"]["colour"] = 1
+    rewrite_config(checkpoint, config=config)
+    with pytest.raises(ValueError, match="colour"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_an_edited_config_counts(checkpoint):
+    config = json.loads((checkpoint / "config.json").read_text())["config"]
+    config["attention"]["novelty_threshold"] = 0.25
+    rewrite_config(checkpoint, config=config)
+    assert PACNet.from_pretrained(checkpoint).config.attention.novelty_threshold == 0.25
+
+
+def test_no_checkpoint_is_said_so(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"expected a checkpoint folder.*nowhere"):
+        PACNet.from_pretrained(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("step", ["config.json.new", "model.safetensors.new", "model", "config"])
+def test_a_stop_after_each_step_of_writing_leaves_old_or_new(checkpoint, monkeypatch, step):
+    """Stops the writer at every point at which a kill could leave another state on disk."""
+    calls = {"config.json.new": 1, "model.safetensors.new": 2}
+    from pacnet import checkpoint as module
+
+    class KilledError(Exception):
+        pass
+
+    write, replace = module._write_through, module.Path.replace
+    done = []
+
+    def counted_write(path, content):
+        write(path, content)
+        done.append(path.name)
+        if len(done) == calls.get(step):
+            raise KilledError
+
+    def counted_replace(source, target):
+        replace(source, target)
+        if target.name.startswith(step):
+            raise KilledError
+
+    monkeypatch.setattr(module, "_write_through", counted_write)
+    monkeypatch.setattr(module.Path, "replace", counted_replace)
+    with pytest.raises(KilledError):
+        make_network(2.0, advance="sample").save_pretrained(checkpoint)
+    loaded = PACNet.from_pretrained(checkpoint)
+    new = loaded.sofm.prototypes[0, 0].item() == 2.0
+    assert new == (step in ("model", "config"))
+    assert loaded.config.schemas.advance == ("sample" if new else "percept")
+
+
+WRITER = """
+import sys, torch
+from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
+
+# Two networks whose configs differ too, large enough that writing takes a while.
+networks = []
+for number, advance in enumerate(("percept", "sample"), start=1):
+    network = PACNet(PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2, advance=advance)))
+    network.observe(torch.full((30, 2), float(number)), torch.full((30, 1), float(number)), 0)
+    network.schemas.pool.extend(200_000)
+    network.schemas.blocks.live("length")[0] = 200_000
+    networks.append(network)
+networks[0].save_pretrained(sys.argv[1])
+print("ready", flush=True)
+while True:
+    for network in reversed(networks):
+        network.save_pretrained(sys.argv[1])
+"""
+
+
+@pytest.mark.slow
+def test_sigkill_at_random_instants_leaves_the_old_or_the_new_checkpoint(tmp_path):
+    rng = random.Random(0)
+    seen = set()
+    for kill in range(50):
+        folder = tmp_path / str(kill)
+        writer = subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(folder)], stdout=subprocess.PIPE, text=True
+        )
+        with writer:
+            assert writer.stdout is not None
+            assert writer.stdout.readline() == "ready\n"
+            time.sleep(rng.uniform(0, 0.1))
+            os.kill(writer.pid, signal.SIGKILL)
+        network = PACNet.from_pretrained(folder)
+        number = network.sofm.prototypes[0, 0].item()
+        assert network.config.schemas.advance == {1.0: "percept", 2.0: "sample"}[number]
+        assert network.schemas.targets(0)[0].item() == number
+        seen.add(number)
+    assert seen == {1.0, 2.0}

@@ -1,0 +1,202 @@
+"""The whole network: what it learns by watching, what it commands, and what it refuses."""
+
+import dataclasses
+import math
+
+import pytest
+import torch
+
+from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
+
+
+def make_network(preset: str = "paper", **fields: object) -> PACNet:
+    attention = getattr(SOFMConfig, preset)(2, novelty_threshold=0.6, **fields)
+    return PACNet(PACNetConfig(attention, MotorSchemasConfig(1, percept_dimensions=2)))
+
+
+def make_circle(samples: int = 200, noise: float = 0.0, seed: int = 0) -> tuple[torch.Tensor, ...]:
+    """Percepts on a circle of radius 2; the target is the sine of the angle a little ahead."""
+    angle = torch.linspace(0, 2 * math.pi, samples + 1)[:-1]
+    percepts = 2 * torch.stack([angle.cos(), angle.sin()], dim=1)
+    generator = torch.Generator().manual_seed(seed)
+    percepts = percepts + noise * torch.randn(percepts.shape, generator=generator)
+    return percepts, (angle + 0.1).sin()[:, None]
+
+
+def make_taught(episodes: int = 3, **fields: object) -> PACNet:
+    network = make_network(**fields)
+    for episode in range(episodes):
+        network.observe(*make_circle(noise=0.01, seed=episode), episode=episode)
+    return network
+
+
+def assert_same(one: torch.Tensor, other: torch.Tensor) -> None:
+    """Equal to the last bit, NaN to NaN."""
+    torch.testing.assert_close(one, other, rtol=0, atol=0, equal_nan=True)
+
+
+def test_recall_gives_the_targets_that_were_shown():
+    network = make_taught()
+    percepts, targets = make_circle(noise=0.01, seed=9)
+    recall = network.recall(percepts)
+    assert recall.commanded.all()
+    assert (recall.targets - targets).abs().mean() < 0.03
+
+
+def test_recall_keeps_pace_with_a_slower_and_a_faster_teacher():
+    network = make_taught()
+    for samples in (120, 400):
+        network.reset()
+        percepts, targets = make_circle(samples, noise=0.01, seed=9)
+        assert (network.recall(percepts).targets - targets).abs().mean() < 0.03
+
+
+def test_below_the_match_threshold_nothing_is_commanded():
+    network = make_taught()
+    recall = network.recall(torch.tensor([[50.0, 50.0], [2.0, 0.0]]))
+    assert recall.commanded.tolist() == [False, True]
+    assert recall.novelty.tolist() == [True, False]
+    assert recall.targets.isnan().flatten().tolist() == [True, False]
+    assert recall.position[0].item() == -1
+
+
+def test_a_node_that_never_habituated_commands_nothing():
+    network = make_network()
+    percepts = torch.zeros(5, 2)
+    network.observe(percepts, torch.ones(5, 1), episode=0)
+    recall = network.recall(percepts[:1])
+    assert not recall.novelty.item()
+    assert not recall.commanded.item()
+
+
+def test_an_untaught_network_commands_nothing():
+    recall = make_network().recall(torch.zeros(3, 2))
+    assert not recall.commanded.any()
+    assert recall.winner.tolist() == [-1, -1, -1]
+
+
+def test_only_samples_at_which_a_habituated_node_won_are_kept():
+    network = make_network()
+    record = network.observe(torch.zeros(30, 2), torch.arange(30.0)[:, None], episode=0)
+    kept = network.schemas.targets(0).flatten()
+    assert kept.tolist() == record.ignored.nonzero().flatten().tolist()
+    assert kept[0] == 11  # inserted at 0, ten firings, then habituated
+
+
+def test_a_new_episode_replaces_what_its_nodes_kept():
+    network = make_network()
+    network.observe(torch.zeros(30, 2), torch.zeros(30, 1), episode=0)
+    network.observe(torch.zeros(4, 2), torch.ones(4, 1), episode=1)
+    assert network.schemas.targets(0).flatten().tolist() == [1, 1, 1, 1]
+
+
+def test_nodes_and_motor_schemas_stay_in_step_through_deletions():
+    network = make_network(preset="gwr", max_edge_age=4, neighbour_rate=0.05)
+    generator = torch.Generator().manual_seed(1)
+    percepts = torch.randn(1500, 2, generator=generator).mul(0.3).cumsum(0) % 3
+    deleted = 0
+    for episode in range(3):
+        # The target says where the percept was, so a schema given to a wrong node would show.
+        deleted += int(network.observe(percepts, percepts[:, :1], episode).deleted.sum())
+    assert deleted > 0
+    assert len(network.schemas) == len(network.sofm)
+    for node, prototype in enumerate(network.sofm.prototypes):
+        distance = (network.schemas.targets(node) - prototype[0]).abs()
+        assert len(distance) == 0 or distance.median() < 0.5
+
+
+@pytest.mark.parametrize("preset", ["paper", "gwr"])
+def test_a_sequence_at_once_equals_sample_by_sample(preset: str):
+    whole, single = make_network(preset), make_network(preset)
+    percepts, targets = make_circle(noise=0.05)
+    for episode in range(2):
+        whole.observe(percepts, targets, episode)
+        for percept, target in zip(percepts, targets, strict=True):
+            single.observe(percept[None], target[None], episode)
+    for name, value in whole.state_dict().items():
+        assert torch.equal(value, single.state_dict()[name]), name
+    at_once = whole.recall(percepts)
+    for sample, percept in enumerate(percepts):
+        one = single.recall(percept[None])
+        assert_same(one.targets[0], at_once.targets[sample])
+        assert one.position[0] == at_once.position[sample]
+
+
+def test_eval_mode_learns_nothing_and_recall_changes_nothing_learned():
+    network = make_taught().eval()
+    before = network.state_dict()
+    record = network.observe(*make_circle(noise=0.5, seed=3), episode=7)
+    network.recall(make_circle()[0])
+    assert record.ignored.all()
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, before[name]), name
+
+
+def test_learning_goes_on_after_save_and_load(tmp_path):
+    network = make_taught()
+    network.save_pretrained(tmp_path)
+    loaded = PACNet.from_pretrained(tmp_path)
+    assert loaded.config == network.config
+    percepts, targets = make_circle(noise=0.2, seed=5)
+    for one in (network, loaded):
+        one.observe(percepts, targets, episode=3)
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, loaded.state_dict()[name]), name
+    assert_same(network.recall(percepts).targets, loaded.recall(percepts).targets)
+
+
+def test_an_untaught_network_saves_and_loads(tmp_path):
+    make_network().save_pretrained(tmp_path)
+    loaded = PACNet.from_pretrained(tmp_path)
+    loaded.observe(*make_circle(), episode=0)
+    assert len(loaded.sofm) > 1
+
+
+def test_the_config_survives_json(tmp_path):
+    attention = SOFMConfig.gwr(2, scale=(0.1, 1 / 3), novelty_threshold=0.7)
+    network = PACNet(PACNetConfig(attention, MotorSchemasConfig(1, 2, advance="sample")))
+    network.save_pretrained(tmp_path)
+    assert PACNet.from_pretrained(tmp_path).config == network.config
+
+
+BAD_PAIRS = {
+    "NaN percept": (torch.tensor([[0.0, math.nan]]), torch.zeros(1, 1), "finite percepts"),
+    "infinite target": (torch.zeros(1, 2), torch.tensor([[math.inf]]), "finite targets"),
+    "percept dimension": (torch.zeros(3, 4), torch.zeros(3, 1), r"percepts.*\[rows, 2\]"),
+    "target dimension": (torch.zeros(3, 2), torch.zeros(3, 2), r"targets.*\[rows, 1\]"),
+    "target dtype": (torch.zeros(3, 2), torch.zeros(3, 1).double(), "targets.*float64"),
+    "fewer targets": (torch.zeros(3, 2), torch.zeros(2, 1), "each of 3 percepts, got 2"),
+    "empty": (torch.zeros(0, 2), torch.zeros(0, 1), "at least one row"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_PAIRS)
+def test_bad_input_is_refused_before_anything_changes(case: str):
+    network = make_taught()
+    before = network.state_dict()
+    percepts, targets, message = BAD_PAIRS[case]
+    with pytest.raises(ValueError, match=message):
+        network.observe(percepts, targets, episode=3)
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, before[name]), name
+
+
+@pytest.mark.parametrize(
+    ("episode", "message"),
+    [(1, "episode ≥ 2.*got 1"), (-1, "got -1"), (2.0, "int, got float"), (True, "int, got bool")],
+)
+def test_an_episode_that_goes_backwards_or_is_no_number_is_refused(episode, message):
+    network = make_taught(episodes=3)
+    with pytest.raises(ValueError, match=message):
+        network.observe(*make_circle(), episode=episode)
+
+
+def test_parts_that_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match=r"percept_dimensions.*= 2, got 3"):
+        PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, percept_dimensions=3))
+
+
+def test_presets_take_any_field():
+    assert SOFMConfig.paper(2) == dataclasses.replace(
+        SOFMConfig.paper(2, winner_rate=0.3), winner_rate=0.1
+    )

@@ -1,0 +1,194 @@
+"""Motor schemas: the three rules, recall with a position, deletion with the node, the pool."""
+
+import pytest
+import torch
+
+from pacnet import MotorSchemas, MotorSchemasConfig
+
+
+def make_schemas(nodes: int = 2, **fields: object) -> MotorSchemas:
+    schemas = MotorSchemas(MotorSchemasConfig(1, percept_dimensions=1, **fields))
+    for _ in range(nodes):
+        schemas.add_node()
+    return schemas
+
+
+def write(schemas: MotorSchemas, node: int, *values: float, episode: int = 0) -> None:
+    """Writes targets whose cues are a tenth of them."""
+    for value in values:
+        target, cue = torch.tensor([float(value)]), torch.tensor([value / 10])
+        schemas.write(node, target, cue, episode, habituated=True)
+
+
+def recalled(schemas: MotorSchemas, node: int, *cues: float) -> list[float | None]:
+    """Targets recalled for percepts in turn."""
+    results = [schemas.recall(node, torch.tensor([cue])) for cue in cues]
+    return [None if result is None else result.target.item() for result in results]
+
+
+# The three rules
+
+
+def test_rule_1_a_settling_node_keeps_its_schema():
+    schemas = make_schemas()
+    write(schemas, 0, 1, 2)
+    schemas.write(0, torch.tensor([9.0]), torch.tensor([0.0]), episode=1, habituated=False)
+    assert schemas.targets(0).flatten().tolist() == [1, 2]
+
+
+def test_rule_2_the_same_episode_appends():
+    schemas = make_schemas()
+    write(schemas, 0, 1, 2)
+    write(schemas, 1, 5)
+    write(schemas, 0, 3)
+    assert schemas.targets(0).flatten().tolist() == [1, 2, 3]
+    assert schemas.targets(1).flatten().tolist() == [5]
+    torch.testing.assert_close(schemas.cues(0).flatten(), torch.tensor([0.1, 0.2, 0.3]))
+
+
+def test_rule_3_a_new_episode_starts_afresh_for_that_node_alone():
+    schemas = make_schemas()
+    write(schemas, 0, 1, 2, 3)
+    write(schemas, 1, 5)
+    write(schemas, 0, 7, 8, episode=1)
+    assert schemas.targets(0).flatten().tolist() == [7, 8]
+    assert schemas.targets(1).flatten().tolist() == [5]
+
+
+def test_eval_mode_writes_nothing():
+    schemas = make_schemas().eval()
+    write(schemas, 0, 1)
+    assert schemas.lengths.tolist() == [0, 0]
+
+
+# Recall
+
+
+def test_a_node_without_targets_recalls_none():
+    assert recalled(make_schemas(), 0, 0.0) == [None]
+
+
+def test_by_sample_the_position_advances_and_the_last_target_stays():
+    schemas = make_schemas(advance="sample")
+    write(schemas, 0, 1, 2, 3)
+    assert recalled(schemas, 0, 0, 0, 0, 0, 0) == [1, 2, 3, 3, 3]
+
+
+def test_by_sample_a_re_entered_node_goes_on_where_it_was():
+    schemas = make_schemas(advance="sample")
+    write(schemas, 0, 1, 2, 3)
+    write(schemas, 1, 7, 8)
+    assert recalled(schemas, 0, 0, 0) == [1, 2]
+    assert recalled(schemas, 1, 0) == [7]
+    assert recalled(schemas, 0, 0) == [3]
+    schemas.reset()
+    assert recalled(schemas, 0, 0) == [1]
+
+
+def test_by_percept_the_position_keeps_pace_with_what_is_seen():
+    schemas = make_schemas()
+    write(schemas, 0, *range(10))
+    fast = recalled(schemas, 0, 0.0, 0.2, 0.4, 0.6)
+    schemas.reset()
+    slow = recalled(schemas, 0, 0.1, 0.1, 0.1, 0.2)
+    assert fast == [0, 2, 4, 6]
+    assert slow == [1, 1, 1, 2]
+
+
+def test_by_percept_the_position_never_goes_back_while_the_node_wins():
+    schemas = make_schemas()
+    write(schemas, 0, *range(10))
+    assert recalled(schemas, 0, 0.5, 0.2, 0.6) == [5, 5, 6]
+
+
+def test_by_percept_the_position_jumps_no_further_than_the_lookahead():
+    schemas = make_schemas(lookahead=2)
+    write(schemas, 0, *range(10))
+    assert recalled(schemas, 0, 0.0, 0.9, 0.9) == [0, 2, 4]
+
+
+def test_by_percept_a_re_entered_node_is_searched_whole():
+    schemas = make_schemas()
+    write(schemas, 0, *range(10))
+    write(schemas, 1, 50)
+    assert recalled(schemas, 0, 0.8) == [8]
+    assert recalled(schemas, 1, 5.0) == [50]
+    assert recalled(schemas, 0, 0.3) == [3]
+    schemas.leave()  # a novel percept in between: nobody won
+    assert recalled(schemas, 0, 0.1) == [1]
+
+
+def test_by_percept_off_the_end_the_last_target_stays():
+    schemas = make_schemas()
+    write(schemas, 0, 1, 2)
+    assert recalled(schemas, 0, 0.1, 0.2, 0.9, 0.9) == [1, 2, 2, 2]
+
+
+def test_a_recalled_target_is_the_callers_own():
+    schemas = make_schemas()
+    write(schemas, 0, 1)
+    result = schemas.recall(0, torch.tensor([0.1]))
+    assert result is not None
+    result.target.fill_(99)
+    assert recalled(schemas, 0, 0.1) == [1]
+
+
+# The pool
+
+
+def test_deleting_a_node_takes_its_targets_and_keeps_the_others():
+    schemas = make_schemas(nodes=3)
+    write(schemas, 0, 1, 2)
+    write(schemas, 1, 3, 4)
+    write(schemas, 2, 5, 6)
+    schemas.delete(torch.tensor([1]))
+    assert len(schemas) == 2
+    assert schemas.targets(1).flatten().tolist() == [5, 6]
+    assert sorted(schemas.state_dict()["pool.target"].flatten().tolist()) == [1, 2, 5, 6]
+
+
+def test_random_writes_equal_a_dict_of_lists():
+    generator = torch.Generator().manual_seed(0)
+    schemas, expected = make_schemas(nodes=7), {node: [] for node in range(7)}
+    last_episode = dict.fromkeys(range(7), 0)
+    for step in range(3000):
+        node = int(torch.randint(7, (), generator=generator))
+        episode = step // 600
+        if last_episode[node] != episode:
+            expected[node], last_episode[node] = [], episode
+        write(schemas, node, step, episode=episode)
+        expected[node].append(step)
+        if step % 500 == 0:
+            schemas.state_dict()  # saving in between must not disturb
+    for node, values in expected.items():
+        assert schemas.targets(node).flatten().tolist() == values
+
+
+def test_the_pool_does_not_grow_with_overwritten_episodes():
+    schemas = make_schemas(nodes=1)
+    for episode in range(50):
+        write(schemas, 0, *range(100), episode=episode)
+    assert len(schemas.pool) < 1000
+    assert schemas.state_dict()["pool.target"].shape == (100, 1)
+
+
+def test_a_saved_pool_loads_and_goes_on():
+    schemas = make_schemas(nodes=2)
+    write(schemas, 1, 1, 2, 3)
+    write(schemas, 0, 4)
+    loaded = make_schemas(nodes=0)
+    loaded.load_state_dict(schemas.state_dict())
+    write(loaded, 1, 9)
+    write(loaded, 0, 8)
+    assert loaded.targets(1).flatten().tolist() == [1, 2, 3, 9]
+    assert loaded.targets(0).flatten().tolist() == [4, 8]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("target_dimensions", 0), ("lookahead", 0), ("advance", "time"), ("percept_dimensions", 0)],
+)
+def test_a_config_without_meaning_is_refused_by_name(field: str, value: object):
+    fields = {"target_dimensions": 1, "percept_dimensions": 1, field: value}
+    with pytest.raises(ValueError, match=f"MotorSchemasConfig.{field}.*got"):
+        MotorSchemasConfig(**fields)
