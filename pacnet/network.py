@@ -159,13 +159,8 @@ class PACNet(nn.Module):
             (len(percepts), self.config.schemas.target_dimensions), torch.nan
         )
         position = torch.full_like(attention.winner, NOBODY)
-        for sample, (winner, novel) in enumerate(
-            zip(attention.winner.tolist(), attention.novelty.tolist(), strict=True)
-        ):
-            if novel:
-                self.schemas.leave()
-                continue
-            recalled = self.schemas.recall(winner, percepts[sample])
+        for sample in (~attention.novelty).nonzero().flatten().tolist():
+            recalled = self.schemas.recall(int(attention.winner[sample]), percepts[sample])
             if recalled is not None:
                 targets[sample], position[sample] = recalled
         return Recall(

@@ -26,17 +26,14 @@ class MotorSchemasConfig:
     Attributes:
         target_dimensions: length A of a target.
         percept_dimensions: length D of a cue.
-        advance: how the position moves while a node keeps winning. `percept`: to the target whose
-            cue is nearest to the percept, never backwards, so that a slower or faster
-            demonstration is followed at its own pace. `sample`: by one target a sample, as the
-            paper has it.
-        lookahead: with `percept`, how many targets the position may move in one sample.
+        recall_by: how the position in the winner's sequence is found. `cue`: the target whose cue
+            is nearest to the percept, so that a slower, faster or interrupted demonstration is
+            followed at its own pace. `order`: one target further at each sample, as in the paper.
     """
 
     target_dimensions: int
     percept_dimensions: int
-    advance: Literal["percept", "sample"] = "percept"
-    lookahead: int = 10
+    recall_by: Literal["cue", "order"] = "cue"
 
     def __post_init__(self) -> None:
         """Refuses values that have no meaning."""
@@ -45,8 +42,7 @@ class MotorSchemasConfig:
             {
                 "target_dimensions": (self.target_dimensions >= 1, "≥ 1"),
                 "percept_dimensions": (self.percept_dimensions >= 1, "≥ 1"),
-                "advance": (self.advance in ("percept", "sample"), "'percept' or 'sample'"),
-                "lookahead": (self.lookahead >= 1, "≥ 1 targets"),
+                "recall_by": (self.recall_by in ("cue", "order"), "'cue' or 'order'"),
             },
         )
 
@@ -104,9 +100,8 @@ class MotorSchemas(nn.Module):
         return self._sequence("cue", node)
 
     def reset(self) -> None:
-        """Starts a recall episode: no node is winning and every position is forgotten."""
-        self._winner: int | None = None
-        self._positions: dict[int, int] = {}
+        """Starts a recall episode: every position is forgotten."""
+        self._positions: dict[int, int] = {}  # of nodes that have won in this episode
 
     def add_node(self) -> int:
         """Adds a node with an empty sequence and returns its number."""
@@ -147,11 +142,10 @@ class MotorSchemas(nn.Module):
     def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
         """The current target of the winner, and its position in the sequence.
 
-        The position is kept per node until `reset`. With `advance="percept"` it goes to the cue
-        nearest to the percept: among all when the node starts to win, again each time it is
-        re-entered; among the next `lookahead` while it keeps winning. With `advance="sample"`
-        it starts at the first target, moves by one a sample, and after re-entry goes on where it
-        was. Off the end, the last target stays.
+        With `recall_by="cue"` the position is that of the cue nearest to the percept, of exactly
+        equal ones the first. With `recall_by="order"` it starts at the first target and advances
+        by one while the node keeps winning; a node re-entered within the episode goes on where it
+        was, and off the end the last target stays. `reset` starts a new episode.
 
         Args:
             node: the winner.
@@ -162,26 +156,13 @@ class MotorSchemas(nn.Module):
         """
         length = int(self.lengths[node])
         if length == 0:
-            self._winner = node
             return None
-        if self.config.advance == "percept":
-            position = self._position_by_percept(node, percept, length)
+        if self.config.recall_by == "cue":
+            position = int((self.cues(node) - percept).square().sum(dim=1).argmin())
         else:
             position = min(self._positions.get(node, -1) + 1, length - 1)
-        self._winner, self._positions[node] = node, position
+        self._positions[node] = position
         return RecalledTarget(self.targets(node)[position].clone(), position)
-
-    def leave(self) -> None:
-        """Tells that no node won, so that the next winner is entered anew."""
-        self._winner = None
-
-    def _position_by_percept(self, node: int, percept: Tensor, length: int) -> int:
-        first, last = 0, length
-        if node == self._winner:
-            first = self._positions[node]
-            last = min(first + self.config.lookahead + 1, length)
-        cues = self.cues(node)[first:last]
-        return first + int((cues - percept).square().sum(dim=1).argmin())
 
     def _sequence(self, column: str, node: int) -> Tensor:
         start, length = int(self.blocks.live("start")[node]), int(self.lengths[node])

@@ -15,8 +15,8 @@ from safetensors.torch import load_file, save_file
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 
 
-def make_network(value: float, advance: str = "percept") -> PACNet:
-    config = PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2, advance=advance))
+def make_network(value: float, recall_by: str = "cue") -> PACNet:
+    config = PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2, recall_by=recall_by))
     network = PACNet(config)
     network.observe(torch.full((30, 2), value), torch.full((30, 1), value), episode=0)
     return network
@@ -160,11 +160,11 @@ def test_a_stop_after_each_step_of_writing_leaves_old_or_new(checkpoint, monkeyp
     monkeypatch.setattr(module, "_write_through", counted_write)
     monkeypatch.setattr(module.Path, "replace", counted_replace)
     with pytest.raises(KilledError):
-        make_network(2.0, advance="sample").save_pretrained(checkpoint)
+        make_network(2.0, recall_by="order").save_pretrained(checkpoint)
     loaded = PACNet.from_pretrained(checkpoint)
     new = loaded.sofm.prototypes[0, 0].item() == 2.0
     assert new == (step in ("model", "config"))
-    assert loaded.config.schemas.advance == ("sample" if new else "percept")
+    assert loaded.config.schemas.recall_by == ("order" if new else "cue")
 
 
 WRITER = """
@@ -173,8 +173,8 @@ from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 
 # Two networks whose configs differ too, large enough that writing takes a while.
 networks = []
-for number, advance in enumerate(("percept", "sample"), start=1):
-    network = PACNet(PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2, advance=advance)))
+for number, recall_by in enumerate(("cue", "order"), start=1):
+    network = PACNet(PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2, recall_by=recall_by)))
     network.observe(torch.full((30, 2), float(number)), torch.full((30, 1), float(number)), 0)
     network.schemas.pool.extend(200_000)
     network.schemas.blocks.live("length")[0] = 200_000
@@ -203,7 +203,7 @@ def test_sigkill_at_random_instants_leaves_the_old_or_the_new_checkpoint(tmp_pat
             os.kill(writer.pid, signal.SIGKILL)
         network = PACNet.from_pretrained(folder)
         number = network.sofm.prototypes[0, 0].item()
-        assert network.config.schemas.advance == {1.0: "percept", 2.0: "sample"}[number]
+        assert network.config.schemas.recall_by == {1.0: "cue", 2.0: "order"}[number]
         assert network.schemas.targets(0)[0].item() == number
         seen.add(number)
     assert seen == {1.0, 2.0}

@@ -154,7 +154,7 @@ def test_an_untaught_network_saves_and_loads(tmp_path):
 
 def test_the_config_survives_json(tmp_path):
     attention = SOFMConfig.gwr(2, scale=(0.1, 1 / 3), novelty_threshold=0.7)
-    network = PACNet(PACNetConfig(attention, MotorSchemasConfig(1, 2, advance="sample")))
+    network = PACNet(PACNetConfig(attention, MotorSchemasConfig(1, 2, recall_by="order")))
     network.save_pretrained(tmp_path)
     assert PACNet.from_pretrained(tmp_path).config == network.config
 

@@ -68,14 +68,14 @@ def test_a_node_without_targets_recalls_none():
     assert recalled(make_schemas(), 0, 0.0) == [None]
 
 
-def test_by_sample_the_position_advances_and_the_last_target_stays():
-    schemas = make_schemas(advance="sample")
+def test_by_order_the_position_advances_and_the_last_target_stays():
+    schemas = make_schemas(recall_by="order")
     write(schemas, 0, 1, 2, 3)
     assert recalled(schemas, 0, 0, 0, 0, 0, 0) == [1, 2, 3, 3, 3]
 
 
-def test_by_sample_a_re_entered_node_goes_on_where_it_was():
-    schemas = make_schemas(advance="sample")
+def test_by_order_a_re_entered_node_goes_on_where_it_was():
+    schemas = make_schemas(recall_by="order")
     write(schemas, 0, 1, 2, 3)
     write(schemas, 1, 7, 8)
     assert recalled(schemas, 0, 0, 0) == [1, 2]
@@ -85,43 +85,33 @@ def test_by_sample_a_re_entered_node_goes_on_where_it_was():
     assert recalled(schemas, 0, 0) == [1]
 
 
-def test_by_percept_the_position_keeps_pace_with_what_is_seen():
+def test_by_cue_the_position_keeps_pace_with_what_is_seen():
     schemas = make_schemas()
     write(schemas, 0, *range(10))
-    fast = recalled(schemas, 0, 0.0, 0.2, 0.4, 0.6)
-    schemas.reset()
-    slow = recalled(schemas, 0, 0.1, 0.1, 0.1, 0.2)
-    assert fast == [0, 2, 4, 6]
-    assert slow == [1, 1, 1, 2]
+    assert recalled(schemas, 0, 0.0, 0.2, 0.4, 0.6) == [0, 2, 4, 6]  # a faster demonstration
+    assert recalled(schemas, 0, 0.1, 0.1, 0.1, 0.2) == [1, 1, 1, 2]  # a slower one
 
 
-def test_by_percept_the_position_never_goes_back_while_the_node_wins():
+def test_by_cue_off_either_end_the_nearest_target_stays():
     schemas = make_schemas()
-    write(schemas, 0, *range(10))
-    assert recalled(schemas, 0, 0.5, 0.2, 0.6) == [5, 5, 6]
+    write(schemas, 0, 1, 2, 3)
+    assert recalled(schemas, 0, -5.0, 0.1, 0.3, 9.0, 9.0) == [1, 1, 3, 3, 3]
 
 
-def test_by_percept_the_position_jumps_no_further_than_the_lookahead():
-    schemas = make_schemas(lookahead=2)
-    write(schemas, 0, *range(10))
-    assert recalled(schemas, 0, 0.0, 0.9, 0.9) == [0, 2, 4]
-
-
-def test_by_percept_a_re_entered_node_is_searched_whole():
+def test_by_cue_re_entry_depends_on_the_percept_alone():
     schemas = make_schemas()
     write(schemas, 0, *range(10))
     write(schemas, 1, 50)
     assert recalled(schemas, 0, 0.8) == [8]
     assert recalled(schemas, 1, 5.0) == [50]
     assert recalled(schemas, 0, 0.3) == [3]
-    schemas.leave()  # a novel percept in between: nobody won
-    assert recalled(schemas, 0, 0.1) == [1]
 
 
-def test_by_percept_off_the_end_the_last_target_stays():
+def test_by_cue_exact_ties_go_to_the_first():
     schemas = make_schemas()
-    write(schemas, 0, 1, 2)
-    assert recalled(schemas, 0, 0.1, 0.2, 0.9, 0.9) == [1, 2, 2, 2]
+    for target in (1.0, 2.0):
+        schemas.write(0, torch.tensor([target]), torch.tensor([0.0]), episode=0, habituated=True)
+    assert recalled(schemas, 0, 0.0) == [1]
 
 
 def test_a_recalled_target_is_the_callers_own():
@@ -186,7 +176,7 @@ def test_a_saved_pool_loads_and_goes_on():
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("target_dimensions", 0), ("lookahead", 0), ("advance", "time"), ("percept_dimensions", 0)],
+    [("target_dimensions", 0), ("recall_by", "time"), ("percept_dimensions", 0)],
 )
 def test_a_config_without_meaning_is_refused_by_name(field: str, value: object):
     fields = {"target_dimensions": 1, "percept_dimensions": 1, field: value}

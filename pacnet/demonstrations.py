@@ -1,0 +1,156 @@
+"""Demonstrations read from a LeRobot dataset (format v3.0) into tensors, without LeRobot."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pacnet.lerobot_files import DatasetError, read_frames, read_info, read_tasks
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """One episode of somebody doing a task.
+
+    Attributes:
+        episode: Number of the episode in its dataset.
+        task: The task in words; where it changes within the episode, that of the first frame.
+        state: What was perceived of the demonstrator, [T, S].
+        environment_state: What was perceived of the surroundings, [T, E]; E is 0 without it.
+        action: What the demonstrator did or aimed at, [T, A].
+    """
+
+    episode: int
+    task: str
+    state: Tensor  # [T, S] float32
+    environment_state: Tensor  # [T, E] float32
+    action: Tensor  # [T, A] float32
+
+    @property
+    def percepts(self) -> Tensor:
+        """State and environment state side by side, [T, S + E]."""
+        return torch.cat([self.state, self.environment_state], dim=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrations:
+    """The episodes of a dataset, in the order in which they were recorded.
+
+    Attributes:
+        fps: Frames per second [1/s].
+        names: Feature name -> names of its dimensions.
+        episodes: The demonstrations.
+    """
+
+    fps: float
+    names: Mapping[str, tuple[str, ...]]
+    episodes: tuple[Demonstration, ...]
+
+    def __iter__(self) -> Iterator[Demonstration]:
+        """The demonstrations, one after the other."""
+        return iter(self.episodes)
+
+    def __len__(self) -> int:
+        """Number of demonstrations."""
+        return len(self.episodes)
+
+
+def load_demonstrations(
+    root: str | Path,
+    *,
+    state: str = "observation.state",
+    environment_state: str | None = "observation.environment_state",
+    action: str = "action",
+) -> Demonstrations:
+    """Read every episode of a LeRobot dataset; needs pyarrow (the extra `datasets`).
+
+    Args:
+        root: The dataset's folder, the one that holds `meta/` and `data/`.
+        state: Feature that becomes `Demonstration.state`.
+        environment_state: Feature that becomes `Demonstration.environment_state`; None for a
+            dataset that has none.
+        action: Feature that becomes `Demonstration.action`.
+
+    Returns:
+        The demonstrations, float32 tensors on the CPU.
+
+    Raises:
+        DatasetError: The folder or one of its files is missing or damaged, the format is another
+            than v3.0, a feature is missing or not a vector of numbers, the counts in
+            `meta/info.json` do not match the frames found, or a value is not finite.
+    """
+    root = Path(root)
+    info = read_info(root)
+    features = [name for name in (state, environment_state, action) if name is not None]
+    names = {feature: _dimension_names(info, feature) for feature in features}
+    frames = read_frames(root, {feature: len(names[feature]) for feature in features})
+    starts = _episode_starts(info, frames)
+    for feature in features:
+        _check_finite(frames, feature, names[feature])
+
+    tasks = read_tasks(root, frames["task_index"][starts])
+    lengths = np.diff(starts, append=len(frames["index"])).tolist()
+    columns = {feature: torch.from_numpy(frames[feature]).split(lengths) for feature in features}
+    nothing = [torch.empty(length, 0) for length in lengths]
+    episodes = tuple(
+        Demonstration(int(number), task, *tensors)
+        for number, task, *tensors in zip(
+            frames["episode_index"][starts],
+            tasks,
+            columns[state],
+            nothing if environment_state is None else columns[environment_state],
+            columns[action],
+            strict=True,
+        )
+    )
+    return Demonstrations(info["fps"], names, episodes)
+
+
+def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
+    """The names of a feature's dimensions, or their numbers where the dataset has no names."""
+    if feature not in info["features"]:
+        there = ", ".join(sorted(info["features"]))
+        raise DatasetError(f"expected the feature {feature!r}, the dataset has {there}")
+    description = info["features"][feature]
+    dtype, shape, names = (description.get(key) for key in ("dtype", "shape", "names"))
+    if not re.match("float|int", str(dtype)) or not isinstance(shape, list) or len(shape) != 1:
+        raise DatasetError(
+            f"expected {feature!r} to be a vector of numbers, found dtype {dtype}, shape {shape}"
+        )
+    if isinstance(names, dict):  # some robots' datasets keep them as {"motors": [...]}
+        names = next(iter(names.values()), None)
+    if not isinstance(names, list) or len(names) != shape[0]:
+        names = range(shape[0])
+    return tuple(str(name) for name in names)
+
+
+def _episode_starts(info: dict[str, Any], frames: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The row at which each episode starts, after comparing the frames with info.json."""
+    expected, found = info["total_frames"], len(frames["index"])
+    if found != expected:
+        raise DatasetError(f"meta/info.json counts {expected} frames, the data files hold {found}")
+    if not np.array_equal(frames["index"], np.arange(found)):
+        raise DatasetError(f"expected the frames' index to run from 0 to {found - 1} without gaps")
+    starts = np.flatnonzero(np.diff(frames["episode_index"], prepend=-1))
+    expected, found = info["total_episodes"], len(np.unique(frames["episode_index"]))
+    if found != expected or len(starts) != expected:
+        raise DatasetError(
+            f"meta/info.json counts {expected} episodes, the data files hold {found} "
+            f"in {len(starts)} runs of frames"
+        )
+    return starts
+
+
+def _check_finite(frames: Mapping[str, np.ndarray], feature: str, names: tuple[str, ...]) -> None:
+    bad = np.argwhere(~np.isfinite(frames[feature]))
+    if len(bad):
+        row, dimension = bad[0]
+        raise DatasetError(
+            f"expected finite numbers, found {len(bad)} others in {feature!r}, the first at index "
+            f"{row} (episode {frames['episode_index'][row]}), dimension {names[dimension]!r}"
+        )

@@ -1,0 +1,155 @@
+"""Experiment 1: an imitator learns to drink a glass of beer by watching, then does it itself.
+
+Records noisy demonstrations as a LeRobot dataset, learns from the dataset, writes a checkpoint,
+loads it, recalls on new episodes, and writes scores, figures, a video and a tensorboard log into
+`runs/postural_imitation/<time>-seed<N>/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from envs.humanoid import JOINTS
+from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
+from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
+from pacnet.demonstration_writer import DemonstrationWriter
+from pacnet.demonstrations import Demonstrations, load_demonstrations
+from train.learning_log import LearningLog
+from train.postural_episodes import (
+    TASK,
+    Condition,
+    demonstration_seeds,
+    make_environment,
+    motor_targets,
+    recall_episodes,
+    recall_seeds,
+    watch_demonstration,
+)
+from train.postural_report import FPS, draw, film, print_table
+from train.postural_scores import score_episodes, score_order, winners_of
+from train.runs import (
+    command_line,
+    make_parser,
+    make_run_folder,
+    positive,
+    save_figures,
+    stop_on_interrupt,
+    threshold,
+    write_metrics,
+)
+
+FEATURES = {
+    "observation.state": STATE_NAMES,  # perceived angles and velocities of the demonstrator
+    "observation.environment_state": GLASS_NAMES,  # its glass, in its body frame
+    "action": JOINTS,  # joint-angle targets
+}
+# Velocities [rad/s] weigh a third of angles [rad] and of the glass [m, rad]: then two components
+# carry about as much of the variance as in the paper.
+SCALE = (1.0,) * len(JOINTS) + (1 / 3,) * len(JOINTS) + (1.0,) * len(GLASS_NAMES)
+NOVELTY_THRESHOLD = 0.5  # `python -m train.threshold_sweep` shows what others give
+CHUNK = 50  # samples learned between two points of the learning curves
+
+
+def parse_arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = make_parser("train.postural_imitation", __doc__, episodes=100)
+    parser.add_argument(
+        "--demonstrations", type=positive, default=5, help="noisy demonstrations to learn from"
+    )
+    parser.add_argument(
+        "--novelty-threshold",
+        type=threshold,
+        default=NOVELTY_THRESHOLD,
+        help="activation under which a percept is novel; a higher one makes more nodes",
+    )
+    return parser.parse_args()
+
+
+def record(folder: Path, seed: int, count: int) -> None:
+    """Records demonstrations, as a resting imitator perceives them, into a LeRobot dataset."""
+    environment = make_environment(Condition())
+    with DemonstrationWriter(folder, FPS, FEATURES, "postural_imitation") as writer:
+        for episode_seed in tqdm(demonstration_seeds(seed, count), "recording", unit="episode"):
+            percepts = watch_demonstration(environment, episode_seed)
+            state, glass = np.split(percepts, [len(STATE_NAMES)], axis=1)
+            frames = {
+                "observation.state": state,
+                "observation.environment_state": glass,
+                "action": motor_targets(percepts),
+            }
+            writer.save_episode(TASK, frames)
+
+
+def make_network(novelty_threshold: float) -> PACNet:
+    """An untaught network for this experiment."""
+    attention = SOFMConfig.paper(len(SCALE), scale=SCALE, novelty_threshold=novelty_threshold)
+    return PACNet(PACNetConfig(attention, MotorSchemasConfig(len(JOINTS), len(SCALE))))
+
+
+def learn(network: PACNet, demonstrations: Demonstrations, log: LearningLog | None = None) -> None:
+    """The learning phase: watches each demonstration once, in order."""
+    total = sum(len(demonstration.state) for demonstration in demonstrations)
+    with tqdm(total=total, desc="learning", unit="sample") as progress:
+        for demonstration in demonstrations:
+            percepts = demonstration.percepts.split(CHUNK)
+            for seen, done in zip(percepts, demonstration.action.split(CHUNK), strict=True):
+                observed = network.observe(seen, done, demonstration.episode)
+                if log is not None:
+                    log.observed(network.sofm, observed)
+                progress.update(len(seen))
+
+
+def main() -> None:
+    """Record, learn, recall, show."""
+    arguments = parse_arguments()
+    folder = make_run_folder("postural_imitation", arguments.seed, arguments.runs)
+    try:
+        run(arguments, folder)
+    except KeyboardInterrupt:
+        stop_on_interrupt(folder)
+
+
+def run(arguments: argparse.Namespace, folder: Path) -> None:
+    """One run, from demonstrations to scores."""
+    torch.manual_seed(arguments.seed)
+    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    record(folder / "dataset", arguments.seed, arguments.demonstrations)
+    demonstrations = load_demonstrations(folder / "dataset")
+
+    with LearningLog(folder / "tensorboard") as log:
+        network = make_network(arguments.novelty_threshold)
+        learn(network, demonstrations, log)
+        network.save_pretrained(folder / "checkpoint")
+
+        network = PACNet.from_pretrained(folder / "checkpoint").eval()
+        seeds = recall_seeds(arguments.seed, arguments.episodes)
+        episodes = recall_episodes(folder / "checkpoint", seeds, Condition())
+
+        figures, map_scores = draw(network, demonstrations, episodes[0])
+        demonstrated = winners_of(network, demonstrations.episodes[-1].percepts.numpy())
+        scores = map_scores | score_episodes(episodes)
+        scores["winner_order_agreement"] = score_order(episodes, demonstrated)
+        command = command_line("train.postural_imitation", arguments)
+        write_metrics(folder / "metrics.json", command, arguments.seed, scores)
+        save_figures(folder / "figures", figures)
+        film(folder / "checkpoint", seeds[0], Condition(), folder)
+
+        log.scores(scores)
+        log.projector(network.sofm, (*STATE_NAMES, *GLASS_NAMES))
+        for picture in (*sorted((folder / "figures").iterdir()), folder / "recall.gif"):
+            log.picture(picture.stem, picture)
+
+    print_table(scores)
+    print(f"\nscores    {folder / 'metrics.json'}")
+    print(f"figures   {folder / 'figures'}")
+    print(f"video     {folder / 'recall.mp4'}")
+    print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,75 @@
+"""What a run of Experiment 1 shows: the paper's figures from live data, a film, a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from envs.physics import CONTROL_TIMESTEP
+from pacnet import PACNet
+from pacnet.components import PrincipalComponents
+from pacnet.demonstrations import Demonstrations
+from pacnet.figures import (
+    map_on_components,
+    percepts_on_components,
+    winners_over_time,
+    wrist_paths,
+)
+from train.postural_episodes import Condition, RecallEpisode, make_environment, recall_episode
+from train.postural_scores import Scores, winners_of
+from train.video import write_gif, write_mp4
+
+FPS = round(1 / CONTROL_TIMESTEP)  # of an episode [1/s]
+
+PAPER = {"nodes": "12", "pca_variance_2": "0.78"}  # what the paper reports, of all we measure
+
+
+def draw(
+    network: PACNet, demonstrations: Demonstrations, recalled: RecallEpisode
+) -> tuple[dict[str, Figure], Scores]:
+    """The paper's Figures 6a-c and 7 from live data, and the variance they show."""
+    percepts = [demonstration.percepts.numpy() for demonstration in demonstrations]
+    components = PrincipalComponents.fit(np.concatenate(percepts), network.sofm.scale.numpy())
+    variance = components.explained_variance_ratio
+    points = components.project(np.concatenate(percepts))
+    times = np.concatenate([np.arange(len(episode)) for episode in percepts]) / FPS
+    nodes = components.project(network.sofm.prototypes.numpy())
+    figures = {
+        "percepts": percepts_on_components(points, times, variance),
+        "map": map_on_components(nodes, network.sofm.edges.live("ends").numpy(), points, variance),
+        "winners": winners_over_time(
+            recalled.winners, CONTROL_TIMESTEP, winners_of(network, percepts[-1])
+        ),
+        "wrists": wrist_paths(recalled.demonstrator_wrist, recalled.imitator_wrist),
+    }
+    return figures, {"nodes": len(nodes), "pca_variance_2": components.variance(2)}
+
+
+def film(checkpoint: str | Path, seed: int, condition: Condition, folder: Path) -> None:
+    """A video of one recall episode: `recall.mp4`, and the same as `recall.gif`."""
+    environment = make_environment(condition, render=True)
+    frames: list[NDArray[np.uint8]] = []
+    with tqdm(desc="filming", unit="step") as progress:
+
+        def take(step: int) -> None:
+            progress.total = environment.episode_steps
+            progress.update()
+            if step % 2 == 0:
+                frames.append(environment.render())
+
+        recall_episode(PACNet.from_pretrained(checkpoint), environment, seed, take)
+    write_mp4(frames, folder / "recall.mp4", FPS / 2)
+    write_gif([frame[::2, ::2] for frame in frames[::2]], folder / "recall.gif", FPS / 4)
+
+
+def print_table(scores: Mapping[str, float | int]) -> None:
+    """The scores beside what the paper reports."""
+    print(f"\n{'':32}{'paper':>8}{'measured':>12}")
+    for name, value in scores.items():
+        measured = f"{value:.4f}" if isinstance(value, float) else str(value)
+        print(f"{name:32}{PAPER.get(name, '-'):>8}{measured:>12}")

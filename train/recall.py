@@ -1,0 +1,59 @@
+"""Recalls a checkpoint of Experiment 1 on new episodes, without training, and scores it.
+
+Writes scores and a video into `runs/recall/<time>-seed<N>/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from train.postural_episodes import Condition, recall_episodes, recall_seeds
+from train.postural_report import film, print_table
+from train.postural_scores import score_episodes
+from train.runs import (
+    command_line,
+    factor,
+    load_or_exit,
+    make_parser,
+    make_run_folder,
+    stop_on_interrupt,
+    write_metrics,
+)
+
+
+def parse_arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = make_parser("train.recall", __doc__, episodes=20)
+    parser.add_argument("checkpoint", help="folder, such as checkpoints/postural_imitation")
+    parser.add_argument("--pace", type=factor, default=1.0, help="1.25 is 25 %% faster than taught")
+    parser.add_argument("--noise", type=factor, default=1.0, help="factor on the perceptual noise")
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Load, recall, show."""
+    arguments = parse_arguments()
+    network = load_or_exit(arguments.checkpoint)
+    folder = make_run_folder("recall", arguments.seed, arguments.runs)
+    try:
+        run(arguments, len(network.sofm), folder)
+    except KeyboardInterrupt:
+        stop_on_interrupt(folder)
+
+
+def run(arguments: argparse.Namespace, nodes: int, folder: Path) -> None:
+    """Recall episodes of one condition, their scores and a video of the first."""
+    condition = Condition(arguments.pace, arguments.noise)
+    seeds = recall_seeds(arguments.seed, arguments.episodes)
+    episodes = recall_episodes(arguments.checkpoint, seeds, condition)
+    scores = {"nodes": nodes} | score_episodes(episodes)
+    command = command_line("train.recall", arguments)
+    write_metrics(folder / "metrics.json", command, arguments.seed, scores)
+    film(arguments.checkpoint, seeds[0], condition, folder)
+    print_table(scores)
+    print(f"\nscores    {folder / 'metrics.json'}\nvideo     {folder / 'recall.mp4'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""Recalls a checkpoint of Experiment 1 under conditions it was not taught: pace and noise.
+
+Writes the scores of every condition and a figure into `runs/robustness/<time>-seed<N>/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from pacnet.figures import robustness
+from train.postural_episodes import Condition, recall_episodes, recall_seeds
+from train.postural_scores import Scores, score_episodes
+from train.runs import (
+    command_line,
+    load_or_exit,
+    make_parser,
+    make_run_folder,
+    save_figures,
+    stop_on_interrupt,
+    write_metrics,
+)
+
+CONDITIONS = {
+    "as taught": Condition(),
+    "25 % faster": Condition(pace=1.25),
+    "25 % slower": Condition(pace=0.75),
+    "noise x 2": Condition(noise=2.0),
+    "noise x 4": Condition(noise=4.0),
+}
+SHOWN = ("task_success_rate", "wrist_distance_mean_m", "wrist_distance_max_m", "commanded_share")
+
+
+def parse_arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = make_parser("train.robustness", __doc__, episodes=100)
+    parser.add_argument(
+        "checkpoint",
+        nargs="?",
+        default="checkpoints/postural_imitation",
+        help="folder of a taught network",
+    )
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Recall under each condition, then show."""
+    arguments = parse_arguments()
+    load_or_exit(arguments.checkpoint)
+    folder = make_run_folder("robustness", arguments.seed, arguments.runs)
+    try:
+        run(arguments, folder)
+    except KeyboardInterrupt:
+        stop_on_interrupt(folder)
+
+
+def run(arguments: argparse.Namespace, folder: Path) -> None:
+    """The same episodes, by their seeds, under every condition."""
+    seeds = recall_seeds(arguments.seed, arguments.episodes)
+    scores: dict[str, Scores] = {}
+    for name, condition in CONDITIONS.items():
+        scores[name] = score_episodes(recall_episodes(arguments.checkpoint, seeds, condition, name))
+    command = command_line("train.robustness", arguments)
+    write_metrics(folder / "metrics.json", command, arguments.seed, {"conditions": scores})
+    figure = robustness(
+        list(scores),
+        [score["task_success_rate"] for score in scores.values()],
+        [score["wrist_distance_mean_m"] for score in scores.values()],
+    )
+    save_figures(folder, {"robustness": figure})
+    print(f"\n{'':14}" + "".join(f"{name:>24}" for name in SHOWN))
+    for name, score in scores.items():
+        print(f"{name:14}" + "".join(f"{score[key]:24.4f}" for key in SHOWN))
+    print(f"\nscores    {folder / 'metrics.json'}\nfigure    {folder / 'robustness.png'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""A run's folder and its `metrics.json`: what was run, with which versions, and what came out."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import importlib.metadata
+import json
+import math
+import platform
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from pacnet import PACNet
+
+_PACKAGES = ("pacnet", "torch", "numpy", "mujoco", "dm-control", "gymnasium", "lerobot")
+
+
+def make_parser(module: str, description: str | None, episodes: int) -> argparse.ArgumentParser:
+    """A parser with the arguments that every script has.
+
+    Args:
+        module: as in `python -m MODULE`.
+        description: of the script.
+        episodes: default number of recall episodes.
+    """
+    parser = argparse.ArgumentParser(
+        prog=f"python -m {module}",
+        description=description,
+        formatter_class=_HelpFormatter,
+    )
+    parser.add_argument("--seed", type=natural, default=0, help="decides every draw of the run")
+    parser.add_argument(
+        "--episodes", type=positive, default=episodes, help="new episodes to recall and score"
+    )
+    parser.add_argument("--runs", default="runs", help="folder of all runs")
+    return parser
+
+
+def natural(text: str) -> int:
+    """An argument that is an integer ≥ 0."""
+    return _integer(text, 0)
+
+
+def positive(text: str) -> int:
+    """An argument that is an integer ≥ 1."""
+    return _integer(text, 1)
+
+
+def factor(text: str) -> float:
+    """An argument that is a finite number > 0."""
+    return _number(text, math.inf, "a finite number > 0")
+
+
+def threshold(text: str) -> float:
+    """An argument that is a number in (0, 1)."""
+    return _number(text, 1.0, "a number in (0, 1)")
+
+
+def make_run_folder(name: str, seed: int, runs: str | Path = "runs") -> Path:
+    """Makes `runs/NAME/<time>-seed<N>/`; a number follows if that is taken.
+
+    Args:
+        name: of the script.
+        seed: of the run.
+        runs: folder of all runs.
+    """
+    stem = f"{datetime.datetime.now():%Y%m%d-%H%M%S}-seed{seed}"
+    for suffix in ("", *(f"-{number}" for number in range(2, 100))):
+        folder = Path(runs) / name / (stem + suffix)
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return folder
+    raise FileExistsError(f"expected a free name like '{folder}', all are taken")
+
+
+def command_line(module: str, arguments: argparse.Namespace) -> str:
+    """The command that gives the same numbers again, with its defaults written out."""
+    given = {name: value for name, value in vars(arguments).items() if name != "runs"}
+    checkpoint = [str(given.pop("checkpoint"))] if "checkpoint" in given else []
+    options = [f"--{name.replace('_', '-')} {value}" for name, value in given.items()]
+    return " ".join(["python", "-m", module, *checkpoint, *options])
+
+
+def write_metrics(path: Path, command: str, seed: int, scores: Mapping[str, Any]) -> None:
+    """Writes scores with the command, the seed and the versions that made them."""
+    versions = {"python": platform.python_version()}
+    versions |= {package: importlib.metadata.version(package) for package in _PACKAGES}
+    document = {"command": command, "seed": seed, "versions": versions, **scores}
+    path.write_text(json.dumps(document, indent=2) + "\n")
+
+
+def save_figures(folder: Path, figures: Mapping[str, Figure]) -> None:
+    """Writes each figure as `NAME.png`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, figure in figures.items():
+        figure.savefig(folder / f"{name}.png", dpi=150)
+
+
+def load_or_exit(checkpoint: str | Path) -> PACNet:
+    """Loads a checkpoint to recall from, or ends the script with one line that says why not."""
+    try:
+        return PACNet.from_pretrained(checkpoint).eval()
+    except (OSError, ValueError) as error:
+        raise SystemExit(f"error: {error}") from error
+
+
+def stop_on_interrupt(folder: Path) -> None:
+    """Says what an interrupted run leaves behind, and exits as a shell expects."""
+    print(f"\nInterrupted. What was finished is in {folder}", file=sys.stderr)
+    raise SystemExit(130)
+
+
+class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
+    """Shows defaults, and the description as it is written."""
+
+
+def _integer(text: str, lowest: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = lowest - 1
+    if value < lowest:
+        raise argparse.ArgumentTypeError(f"expected an integer ≥ {lowest}, got '{text}'")
+    return value
+
+
+def _number(text: str, below: float, wanted: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < below:
+        raise argparse.ArgumentTypeError(f"expected {wanted}, got '{text}'")
+    return value
