@@ -174,7 +174,8 @@ from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 # Two networks whose configs differ too, large enough that writing takes a while.
 networks = []
 for number, recall_by in enumerate(("cue", "order"), start=1):
-    network = PACNet(PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2, recall_by=recall_by)))
+    schemas = MotorSchemasConfig(1, 2, recall_by=recall_by)
+    network = PACNet(PACNetConfig(SOFMConfig.paper(2), schemas))
     network.observe(torch.full((30, 2), float(number)), torch.full((30, 1), float(number)), 0)
     network.schemas.pool.extend(200_000)
     network.schemas.blocks.live("length")[0] = 200_000

@@ -90,7 +90,7 @@ def watch_demonstration(environment: PosturalImitationEnv, seed: int) -> NDArray
     percepts = [percept(observation)]
     truncated = False
     while not truncated:
-        observation, _, _, truncated, _ = environment.step(environment.rest_posture)
+        observation, _, _, truncated, _ = environment.step_to(environment.rest_posture)
         percepts.append(percept(observation))
     return np.stack(percepts)
 
@@ -129,7 +129,7 @@ def recall_episode(
         recall = network.recall(torch.from_numpy(percepts)[None])
         if recall.commanded.item():
             target = recall.targets[0].numpy()
-        observation, _, _, truncated, info = environment.step(target)
+        observation, _, _, truncated, info = environment.step_to(target)
         winner = NOBODY if recall.novelty.item() else recall.winner.item()
         steps.append(
             {**info, "percepts": percepts, "winners": winner, "commanded": recall.commanded.item()}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -67,6 +68,12 @@ def parse_arguments() -> argparse.Namespace:
         default=NOVELTY_THRESHOLD,
         help="activation under which a percept is novel; a higher one makes more nodes",
     )
+    parser.add_argument(
+        "--recall-by",
+        choices=("cue", "order"),
+        default="cue",
+        help="a node's target whose cue is nearest to the percept, or, as in the paper, the next",
+    )
     return parser.parse_args()
 
 
@@ -85,10 +92,10 @@ def record(folder: Path, seed: int, count: int) -> None:
             writer.save_episode(TASK, frames)
 
 
-def make_network(novelty_threshold: float) -> PACNet:
+def make_network(novelty_threshold: float, recall_by: Literal["cue", "order"] = "cue") -> PACNet:
     """An untaught network for this experiment."""
     attention = SOFMConfig.paper(len(SCALE), scale=SCALE, novelty_threshold=novelty_threshold)
-    return PACNet(PACNetConfig(attention, MotorSchemasConfig(len(JOINTS), len(SCALE))))
+    return PACNet(PACNetConfig(attention, MotorSchemasConfig(len(JOINTS), len(SCALE), recall_by)))
 
 
 def learn(network: PACNet, demonstrations: Demonstrations, log: LearningLog | None = None) -> None:
@@ -122,7 +129,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     demonstrations = load_demonstrations(folder / "dataset")
 
     with LearningLog(folder / "tensorboard") as log:
-        network = make_network(arguments.novelty_threshold)
+        network = make_network(arguments.novelty_threshold, arguments.recall_by)
         learn(network, demonstrations, log)
         network.save_pretrained(folder / "checkpoint")
 

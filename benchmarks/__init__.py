@@ -1,0 +1,1 @@
+"""Measurements that decided how things are built; each module prints its own table."""

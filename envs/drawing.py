@@ -1,0 +1,122 @@
+"""A picture of the scene without OpenGL: the outlines of its convex geoms, from far to near.
+
+The projection of a convex shape is the convex hull of its projected surface points, so one routine
+draws spheres, capsules, ellipsoids, cylinders and boxes alike. Pillow fills the outlines.
+"""
+
+import numpy as np
+from dm_control import mujoco as dm_mujoco
+from mujoco import mjtGeom  # pyright: ignore[reportAttributeAccessIssue]
+from PIL import Image, ImageDraw
+from scipy.spatial import ConvexHull
+
+from envs.scene import CAMERA, FLOOR_HALF_SIZE, FURNITURE_GROUP, HIDDEN_GROUP
+
+OVERSAMPLING = 2  # drawn larger and scaled down, for smooth edges
+SKY_TOP, SKY_HORIZON, FLOOR = (190, 202, 217), (233, 236, 240), (150, 150, 152)
+OUTLINE_SHADE = 0.72
+
+
+def draw_scene(physics: dm_mujoco.Physics, height: int, width: int) -> np.ndarray:
+    """Draws the scene as its camera sees it.
+
+    Args:
+        physics: the compiled scene in its current state.
+        height: of the picture [pixels].
+        width: of the picture [pixels].
+
+    Returns:
+        The picture (height, width, 3) uint8.
+    """
+    size = (height * OVERSAMPLING, width * OVERSAMPLING)
+    camera = _Camera(physics, *size)
+    picture = _background(camera, *size)
+    draw = ImageDraw.Draw(picture, "RGBA")
+    for geom in _drawing_order(physics, camera):
+        outline = _outline(camera.project(_surface(physics, geom)))
+        red, green, blue, alpha = physics.model.geom_rgba[geom]
+        fill = tuple(round(255 * float(c)) for c in (red, green, blue, alpha))
+        edge = tuple(round(OUTLINE_SHADE * c) for c in fill[:3])
+        draw.polygon(outline, fill=fill, outline=edge)
+    return np.asarray(picture.resize((width, height), Image.Resampling.BOX))
+
+
+class _Camera:
+    """The scene's camera as a pinhole: world points to pixels of a picture of a given size."""
+
+    def __init__(self, physics: dm_mujoco.Physics, height: int, width: int) -> None:
+        """Reads where the camera is."""
+        index = physics.model.name2id(CAMERA, "camera")
+        self.position = physics.data.cam_xpos[index].copy()  # (3,) [m]
+        self._axes = physics.data.cam_xmat[index].reshape(3, 3).copy()  # columns: right, up, back
+        self._focal = height / 2 / np.tan(np.deg2rad(physics.model.cam_fovy[index]) / 2)
+        self._centre = np.array([width / 2, height / 2])
+
+    def depth(self, points: np.ndarray) -> np.ndarray:
+        """Distance (N,) [m] of points (N, 3) along the line of sight."""
+        return -(points - self.position) @ self._axes[:, 2]
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (N, 2), column and row, of points (N, 3) [m] in front of the camera."""
+        seen = (points - self.position) @ self._axes
+        return self._centre + self._focal * seen[:, :2] * (1, -1) / -seen[:, 2:]
+
+
+def _background(camera: _Camera, height: int, width: int) -> Image.Image:
+    """A graded sky above the floor's far edge and the floor's colour below it."""
+    far_edge = camera.project(np.array([[0.0, FLOOR_HALF_SIZE, 0.0]]))[0, 1]
+    horizon = int(np.clip(far_edge, 1, height))
+    rows = np.empty((height, 1, 3), dtype=np.uint8)
+    rows[:horizon, 0] = np.linspace(SKY_TOP, SKY_HORIZON, horizon)
+    rows[horizon:, 0] = FLOOR
+    return Image.fromarray(np.repeat(rows, width, axis=1))
+
+
+def _drawing_order(physics: dm_mujoco.Physics, camera: _Camera) -> np.ndarray:
+    """Visible geoms, furniture first (all else is above it), then from far to near."""
+    model = physics.model
+    visible = (model.geom_group < HIDDEN_GROUP) & (model.geom_type != mjtGeom.mjGEOM_PLANE)
+    geoms = np.flatnonzero(visible)
+    depth = camera.depth(physics.data.geom_xpos[geoms])
+    is_above = model.geom_group[geoms] != FURNITURE_GROUP
+    return geoms[np.lexsort((-depth, is_above))]
+
+
+def _surface(physics: dm_mujoco.Physics, geom: int) -> np.ndarray:
+    """Points (N, 3) [m] on a geom's surface whose convex hull is the geom, in the world."""
+    kind, size = physics.model.geom_type[geom], physics.model.geom_size[geom]
+    points = _local_surface(kind, size)
+    return physics.data.geom_xpos[geom] + points @ physics.data.geom_xmat[geom].reshape(3, 3).T
+
+
+def _local_surface(kind: int, size: np.ndarray) -> np.ndarray:
+    """Points (N, 3) [m] on a surface of MuJoCo's `kind` and `size`, in the geom's frame."""
+    ends = np.repeat([-1.0, 1.0], len(_CIRCLE))[:, None] * (0.0, 0.0, 1.0)
+    if kind == mjtGeom.mjGEOM_BOX:
+        return _CUBE * size
+    if kind == mjtGeom.mjGEOM_CYLINDER:
+        return np.tile(_CIRCLE, (2, 1)) * size[0] + ends * size[1]
+    if kind == mjtGeom.mjGEOM_CAPSULE:
+        ends = np.repeat([-1.0, 1.0], len(_SPHERE))[:, None] * (0.0, 0.0, size[1])
+        return np.tile(_SPHERE, (2, 1)) * size[0] + ends
+    return _SPHERE * (size if kind == mjtGeom.mjGEOM_ELLIPSOID else size[0])
+
+
+def _outline(pixels: np.ndarray) -> list[tuple[float, float]]:
+    """The corners of the convex hull of pixels (N, 2), in order."""
+    return [tuple(corner) for corner in pixels[ConvexHull(pixels).vertices]]
+
+
+def _unit_sphere(n_rings: int = 13, n_around: int = 24) -> np.ndarray:
+    """Points (N, 3) on the unit sphere."""
+    polar, around = np.meshgrid(
+        np.linspace(0, np.pi, n_rings), np.linspace(0, 2 * np.pi, n_around, endpoint=False)
+    )
+    polar, around = polar.ravel(), around.ravel()
+    sine = np.sin(polar)
+    return np.stack([sine * np.cos(around), sine * np.sin(around), np.cos(polar)], axis=1)
+
+
+_SPHERE = _unit_sphere()
+_CIRCLE = np.array([(np.cos(a), np.sin(a), 0.0) for a in np.linspace(0, 2 * np.pi, 24)])
+_CUBE = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])

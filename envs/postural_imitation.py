@@ -1,0 +1,277 @@
+"""Experiment 1 as a gymnasium environment: an imitator watches a demonstrator drink a beer.
+
+Maistros, Marom & Hayes (2001), Experiment 1. The action sets a target angle for each of the
+imitator's 11 joints; simulated PIDs drive them. The demonstrator plays a seeded plan, and the
+episode ends with it.
+"""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+
+from envs.demonstrator import PHASES, REST_POSTURE, plan_drink
+from envs.drawing import draw_scene
+from envs.humanoid import JOINTS
+from envs.kinematics import BodyKinematics
+from envs.perception import (
+    GLASS_NAMES,
+    STATE_NAMES,
+    noise_std,
+    observation_space,
+    percept,
+    tilt_vector,
+)
+from envs.physics import CONTROL_TIMESTEP, Physics
+from envs.scene import GLASS_PLACE, IMITATOR, MAX_HEIGHT, MAX_WIDTH, WHO
+from envs.task import MOUTH_DISTANCE, measure
+
+GLASS_SPREAD = 0.01  # [m] the glass stands within this of its nominal place, in x and in y
+__all__ = ["GLASS_NAMES", "JOINTS", "STATE_NAMES", "PosturalImitationEnv", "percept"]
+
+SLACK = 1e-6  # by which rounding may take an action out of [-1, 1]
+REWARD_DISTANCE = 0.1  # [m] between the wrists at which the reward is 1/e
+
+
+class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
+    """Two waist-up humanoids at a table; see the module and `docs/` for the scene.
+
+    Action: targets of the imitator's joints (11,) in the order of `JOINTS`, as shares of their
+    ranges: -1 is a joint's lower limit, 1 its upper. `step_to` takes the angles themselves [rad],
+    in which `rest_posture` and `demonstrator_target` are.
+
+    Observation, noisy and clipped to its space: ``demonstrator`` (22,) angles [rad] and velocities
+    [rad/s], ``glass`` (6,) the demonstrator's glass in the demonstrator's body frame, position [m]
+    and rotation vector [rad] without the glass's turn about its own axis, ``proprioception`` (22,)
+    the imitator's own angles and velocities.
+
+    Reward: exp(-d / 0.1 m), d the distance between both wrists, each in its own body frame.
+
+    An episode is truncated at the end of the demonstration; it never terminates. Stepped further,
+    the demonstrator rests.
+    """
+
+    metadata = {  # noqa: RUF012  gymnasium's own type
+        "render_modes": ["rgb_array"],
+        "render_fps": round(1 / CONTROL_TIMESTEP),
+    }
+
+    def __init__(
+        self,
+        render_mode: str | None = None,
+        pace: float = 1.0,
+        noise_scale: float = 1.0,
+        width: int = 640,
+        height: int = 360,
+    ) -> None:
+        """Compiles the scene.
+
+        Args:
+            render_mode: None or "rgb_array".
+            pace: of every demonstration; 1.25 is 25 % faster than taught.
+            noise_scale: factor on the perceptual noise; 0 perceives the truth.
+            width: of a rendered picture [pixels].
+            height: of a rendered picture [pixels].
+
+        Raises:
+            ValueError: an argument is out of its range.
+        """
+        _check_arguments(render_mode, pace, noise_scale, width, height)
+        self.render_mode = render_mode
+        self._pace, self._size = pace, (height, width)
+        self._physics = Physics.build()
+        self._kinematics = BodyKinematics()
+        self._noise = noise_scale * noise_std()  # (50,)
+        self._low_angle, self._high_angle = self._physics.joint_range.T
+        self.draws_with_gl = True  # until it fails
+        self.action_space = Box(-1.0, 1.0, shape=(len(JOINTS),), dtype=np.float32)
+        self.observation_space, self._low, self._high = observation_space(self._physics.joint_range)
+        self.rest_posture = REST_POSTURE.astype(np.float32)
+
+    @property
+    def demonstrator_target(self) -> np.ndarray:
+        """The joint angles that the demonstrator aims at in the coming step (11,) [rad]."""
+        return self._plan.angles[min(self._step + 1, self.episode_steps)].copy()
+
+    @property
+    def episode_steps(self) -> int:
+        """Steps until the episode is truncated, from its beginning."""
+        return len(self._plan.angles) - 1
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Plans a demonstration and starts at rest.
+
+        Args:
+            seed: decides the plan, the glasses' place and the noise.
+            options: none are known.
+
+        Returns:
+            Observation and info.
+        """
+        super().reset(seed=seed, options=options)
+        spread = self.np_random.uniform(-GLASS_SPREAD, GLASS_SPREAD, size=2)
+        self._place = np.array(GLASS_PLACE) + spread
+        self._plan = plan_drink(self._kinematics, self._place, self.np_random, self._pace)
+        self._step = 0
+        self._mouth_reached = [False, False]
+        self._physics.begin(np.stack([self._plan.angles[0], REST_POSTURE]), self._place)
+        return self._observe(), self._describe()
+
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Runs one control step of 20 ms.
+
+        Args:
+            action: the imitator's targets as shares of the joint ranges (11,), within [-1, 1].
+
+        Returns:
+            Observation, reward, terminated (False), truncated, info.
+
+        Raises:
+            ValueError: the action is not 11 finite numbers within [-1, 1]; nothing has moved.
+        """
+        shares = _checked("action", action)
+        if np.abs(shares).max() > 1 + SLACK:
+            raise ValueError(
+                f"action must be within [-1, 1], got {shares.min():.3g} to {shares.max():.3g}; "
+                "step_to takes angles [rad]"
+            )
+        half_range = (self._high_angle - self._low_angle) / 2
+        return self.step_to(self._low_angle + half_range * (1 + shares))
+
+    def step_to(
+        self, angles: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Runs one control step of 20 ms, as `step`, towards joint angles.
+
+        Args:
+            angles: the imitator's targets (11,) [rad]; clipped to the joint ranges.
+
+        Returns:
+            Observation, reward, terminated (False), truncated, info.
+
+        Raises:
+            ValueError: the angles are not 11 finite numbers; nothing has moved.
+        """
+        wanted = np.clip(_checked("angles", angles), self._low_angle, self._high_angle)
+        self._physics.advance(np.stack([self.demonstrator_target, wanted]))
+        self._step += 1
+        wrist = self._physics.scene_state.wrist
+        reward = float(np.exp(-np.linalg.norm(wrist[1] - wrist[0]) / REWARD_DISTANCE))
+        truncated = self._step >= self.episode_steps
+        return self._observe(), reward, False, truncated, self._describe()
+
+    def release(self, who: str = IMITATOR) -> None:
+        """Makes a hand let go of its glass, wherever it is.
+
+        Args:
+            who: "demonstrator" or "imitator".
+
+        Raises:
+            ValueError: `who` is neither.
+        """
+        if who not in WHO:
+            raise ValueError(f"who must be one of {WHO}, got {who!r}")
+        self._physics.release(WHO.index(who))
+
+    def render(self) -> np.ndarray | None:
+        """Draws both bodies from the side, with Pillow where OpenGL cannot be had.
+
+        Returns:
+            A picture (height, width, 3) uint8, or None without a render mode.
+        """
+        if self.render_mode is None:
+            return None
+        if self.draws_with_gl:
+            try:
+                return self._physics.render(*self._size, camera_id=self._physics.camera)
+            except Exception:  # each backend raises its own kind
+                self.draws_with_gl = False
+        return draw_scene(self._physics, *self._size)
+
+    def close(self) -> None:
+        """Frees the simulation and its OpenGL context."""
+        self._physics.free()
+
+    def _observe(self) -> dict[str, np.ndarray]:
+        """Perceives the state with noise, as float32 within the space."""
+        state = self._physics.scene_state
+        truth = np.concatenate(
+            [
+                state.angles[0],
+                state.velocities[0],
+                state.glass[0],
+                tilt_vector(state.axis[0]),
+                state.angles[1],
+                state.velocities[1],
+            ]
+        )
+        noisy = truth + self._noise * self.np_random.standard_normal(len(truth))
+        values = np.clip(noisy.astype(np.float32), self._low, self._high)
+        return {
+            "demonstrator": values[:22].copy(),
+            "glass": values[22:28].copy(),
+            "proprioception": values[28:].copy(),
+        }
+
+    def _describe(self) -> dict[str, Any]:
+        """The truth behind the observation, and the task's measures."""
+        state = self._physics.scene_state
+        measures = [
+            measure(state.mouth[row], state.glass[row], state.axis[row], self._place)
+            for row in (0, 1)
+        ]
+        for row, measured in enumerate(measures):
+            self._mouth_reached[row] |= measured.rim_to_mouth <= MOUTH_DISTANCE
+        success = [
+            self._mouth_reached[row] and measures[row].stands_at_place and not grip.held
+            for row, grip in enumerate(self._physics.grips)
+        ]
+        return {
+            "demonstrator_wrist": state.wrist[0].copy(),
+            "imitator_wrist": state.wrist[1].copy(),
+            "demonstrator_angles": state.angles[0].copy(),
+            "imitator_angles": state.angles[1].copy(),
+            "rim_to_mouth": measures[1].rim_to_mouth,
+            "glass_from_place": measures[1].glass_from_place,
+            "glass_tilt": measures[1].glass_tilt,
+            "glass_position": state.glass[1].copy(),
+            "phase": PHASES[self._plan.phases[min(self._step, self.episode_steps)]],
+            "mouth_reached": self._mouth_reached[1],
+            "is_success": success[1],
+            "demonstrator_success": success[0],
+        }
+
+
+def _check_arguments(
+    render_mode: str | None, pace: float, noise_scale: float, width: int, height: int
+) -> None:
+    """Refuses what the environment cannot be built with."""
+    if render_mode not in (None, "rgb_array"):
+        raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+    if not 0.1 <= pace <= 10:
+        raise ValueError(f"pace must be between 0.1 and 10, got {pace}")
+    if not 0 <= noise_scale < float("inf"):
+        raise ValueError(f"noise_scale must be finite and at least 0, got {noise_scale}")
+    if not (0 < width <= MAX_WIDTH and 0 < height <= MAX_HEIGHT):
+        raise ValueError(
+            f"width and height must be within {MAX_WIDTH} x {MAX_HEIGHT}, got {width} x {height}"
+        )
+
+
+def _checked(name: str, value: np.ndarray) -> np.ndarray:
+    """The value as float64 (11,), or a ValueError."""
+    expected = f"{name} must be {len(JOINTS)} finite numbers"
+    try:
+        numbers = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{expected}, got {value!r}") from error
+    if numbers.shape != (len(JOINTS),):
+        raise ValueError(f"{expected}, got shape {numbers.shape}")
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{expected}, got {value!r}")
+    return numbers
