@@ -34,20 +34,20 @@ AXIS_WEIGHT = 0.05  # [m/rad] how much a wrong tilt counts beside a wrong place
 
 UP = np.array((0.0, 0.0, 1.0))
 
-POSTURE_JITTER = 0.03  # [rad] std, of the postures that no inverse kinematics decides
+POSTURE_JITTER = 0.03  # [rad] uniform, of the postures that no inverse kinematics decides
 PACE_SPREAD = 0.10  # of the whole demonstration, uniform
 DURATION_SPREAD = 0.05  # of each phase, uniform
 
 # Phase -> (postures passed through, nominal duration [s]). A single posture is a pause.
 SCHEDULE = (
     ("rest", ("rest",), 0.3),
-    ("approach", ("rest", "pre", "grasp"), 1.5),
+    ("approach", ("rest", "pre", "grasp"), 1.8),
     ("grasp", ("grasp",), 0.4),
-    ("lift", ("grasp", "above", "mouth"), 1.8),
+    ("lift", ("grasp", "above", "mouth"), 2.0),
     ("drink", ("mouth", "drink", "mouth"), 1.2),
-    ("put", ("mouth", "above", "put"), 1.9),
+    ("put", ("mouth", "above", "put"), 2.1),
     ("release", ("put",), 0.4),
-    ("withdraw", ("put", "pre", "rest"), 1.4),
+    ("withdraw", ("put", "pre", "rest"), 1.7),
     ("rest", ("rest",), 0.3),
 )
 
@@ -109,7 +109,7 @@ def solve_postures(
         Name -> posture (11,) [rad].
     """
     names = tuple(POSTURES)
-    jitter = rng.normal(0.0, POSTURE_JITTER, size=(len(names), len(JOINTS)))
+    jitter = rng.uniform(-POSTURE_JITTER, POSTURE_JITTER, size=(len(names), len(JOINTS)))
     low, high = body.joint_range.T
     postures = {
         name: np.clip(np.deg2rad(POSTURES[name]) + offset, low, high)

@@ -25,7 +25,7 @@ from pacnet import NOBODY, PACNet
 
 TASK = "drink a glass of beer"
 
-LEAD = 3  # [samples] a target lies ahead of its percept: what the imitator's joints lag behind
+LEAD = 1  # [samples] a target lies ahead of its percept: what the imitator's joints lag behind
 SMOOTHING = 11  # [samples] of the quadratic smoother of perceived angles: noise becomes jerk
 
 _DEMONSTRATIONS, _RECALLS = 0, 1  # what seeds are drawn for

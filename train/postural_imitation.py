@@ -53,6 +53,7 @@ FEATURES = {
 # carry about as much of the variance as in the paper.
 SCALE = (1.0,) * len(JOINTS) + (1 / 3,) * len(JOINTS) + (1.0,) * len(GLASS_NAMES)
 NOVELTY_THRESHOLD = 0.5  # `python -m train.threshold_sweep` shows what others give
+WINNER_TAU = 10.0  # [firings] nodes settle over the first two demonstrations, not within a second
 CHUNK = 50  # samples learned between two points of the learning curves
 
 
@@ -94,7 +95,9 @@ def record(folder: Path, seed: int, count: int) -> None:
 
 def make_network(novelty_threshold: float, recall_by: Literal["cue", "order"] = "cue") -> PACNet:
     """An untaught network for this experiment."""
-    attention = SOFMConfig.paper(len(SCALE), scale=SCALE, novelty_threshold=novelty_threshold)
+    attention = SOFMConfig.paper(
+        len(SCALE), scale=SCALE, novelty_threshold=novelty_threshold, winner_tau=WINNER_TAU
+    )
     return PACNet(PACNetConfig(attention, MotorSchemasConfig(len(JOINTS), len(SCALE), recall_by)))
 
 
