@@ -53,7 +53,7 @@ class GrowableRows(nn.Module):
 
     def live(self, name: str) -> Tensor:
         """The live rows of a column, `[len(self), *shape]`: a view, valid until the next change."""
-        return self.get_buffer(name)[: self._count]
+        return getattr(self, name)[: self._count]
 
     def append(self, row: Mapping[str, Tensor | float]) -> int:
         """Adds one row with a value for every column and returns its number."""

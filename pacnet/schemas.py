@@ -154,15 +154,15 @@ class MotorSchemas(nn.Module):
         Returns:
             The target, or None if the node has none.
         """
-        length = int(self.lengths[node])
-        if length == 0:
+        targets = self.targets(node)
+        if len(targets) == 0:
             return None
         if self.config.recall_by == "cue":
             position = int((self.cues(node) - percept).square().sum(dim=1).argmin())
         else:
-            position = min(self._positions.get(node, -1) + 1, length - 1)
+            position = min(self._positions.get(node, -1) + 1, len(targets) - 1)
         self._positions[node] = position
-        return RecalledTarget(self.targets(node)[position].clone(), position)
+        return RecalledTarget(targets[position].clone(), position)
 
     def _sequence(self, column: str, node: int) -> Tensor:
         start, length = int(self.blocks.live("start")[node]), int(self.lengths[node])

@@ -29,9 +29,9 @@ def check_rows(name: str, value: object, columns: int, like: Tensor) -> Tensor:
         raise ValueError(f"{wanted}, got one on {value.device}")
     if len(value) == 0:
         raise ValueError(f"{wanted} with at least one row, got an empty one")
-    finite = torch.isfinite(value).all(dim=1)
+    finite = torch.isfinite(value)
     if not bool(finite.all()):
-        row = int((~finite).nonzero()[0])
+        row = int((~finite).any(dim=1).nonzero()[0])
         raise ValueError(f"expected finite {name}, got {value[row].tolist()} in row {row}")
     return value
 

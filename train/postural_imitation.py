@@ -49,8 +49,7 @@ FEATURES = {
     "observation.environment_state": GLASS_NAMES,  # its glass, in its body frame
     "action": JOINTS,  # joint-angle targets
 }
-# Velocities [rad/s] weigh a third of angles [rad] and of the glass [m, rad]: then two components
-# carry about as much of the variance as in the paper.
+# Velocities [rad/s] weigh a third of angles [rad] and of the glass [m, rad]: their noise is larger.
 SCALE = (1.0,) * len(JOINTS) + (1 / 3,) * len(JOINTS) + (1.0,) * len(GLASS_NAMES)
 NOVELTY_THRESHOLD = 0.5  # `python -m train.threshold_sweep` shows what others give
 WINNER_TAU = 10.0  # [firings] nodes settle over the first two demonstrations, not within a second
