@@ -130,13 +130,15 @@ class PACNet(nn.Module):
 
     def _observe_one(self, percept: Tensor, target: Tensor, episode: int) -> Response:
         response = self.sofm.attend(percept)
-        if response.inserted:
-            self.schemas.add_node()
-        elif self.training:
-            winner = int(response.attention.winner)
-            self.schemas.write(winner, target, percept, episode, habituated=response.habituated)
-        if response.deleted is not None:
-            self.schemas.delete(response.deleted)
+        # Growing inside a caller's inference mode would make buffers nobody can update later.
+        with torch.inference_mode(False):
+            if response.inserted:
+                self.schemas.add_node()
+            elif self.training:
+                winner = int(response.attention.winner)
+                self.schemas.write(winner, target, percept, episode, habituated=response.habituated)
+            if response.deleted is not None:
+                self.schemas.delete(response.deleted)
         return response
 
     @torch.no_grad()

@@ -166,7 +166,7 @@ class HabituatingSOFM(nn.Module):
             return Response(attention, ignored=True)
         # Growing inside a caller's inference mode would make buffers nobody can update later.
         with torch.inference_mode(False):
-            return self._learn(percept.clone(), attention)
+            return self._learn(percept, attention)
 
     def _learn(self, percept: Tensor, attention: Attention) -> Response:
         self.time += 1
@@ -175,14 +175,14 @@ class HabituatingSOFM(nn.Module):
             return Response(attention, inserted=True)
         winner, runner_up = int(attention.winner), int(attention.runner_up)
 
+        # Forgetting: an interval after it habituated, the winner responds again.
+        dishabituated = self._forget(winner)
+
         # Case 1: the match is not good enough. Novelty: a new node.
         may_insert = self._is_habituated(winner) or not self.config.insert_only_when_habituated
         if bool(attention.novelty) and may_insert:
             self._insert(percept, winner, runner_up)
-            return Response(attention, inserted=True)
-
-        # Forgetting: an interval after it habituated, the winner responds again.
-        dishabituated = self._forget(winner)
+            return Response(attention, inserted=True, dishabituated=dishabituated)
         habituated = self._is_habituated(winner)
 
         # Case 3: the winner is fully habituated. It ignores the percept.
@@ -318,6 +318,7 @@ def _two_nearest(percepts: Tensor, prototypes: Tensor) -> tuple[Tensor, Tensor]:
     """Numbers of the nearest and the second nearest prototype, int64 `[B]` each."""
     # Squares summed directly: |x|² − 2xw + |w|² would lose the digits that decide ties.
     distance = (percepts[:, None] - prototypes).square().sum(dim=2)  # [B, N], squared
+    distance.clamp_(max=torch.finfo(distance.dtype).max)  # infinity marks the one already taken
     nearest = distance.argmin(dim=1)  # of exactly equal ones the lowest number
     distance.scatter_(1, nearest[:, None], torch.inf)
     return nearest, distance.argmin(dim=1)

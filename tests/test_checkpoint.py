@@ -13,6 +13,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
+from pacnet.checkpoint import read_checkpoint, write_checkpoint
 
 
 def make_network(value: float, recall_by: str = "cue") -> PACNet:
@@ -208,3 +209,48 @@ def test_sigkill_at_random_instants_leaves_the_old_or_the_new_checkpoint(tmp_pat
         assert network.schemas.targets(0)[0].item() == number
         seen.add(number)
     assert seen == {1.0, 2.0}
+
+
+def test_files_are_on_the_disk_before_they_are_renamed_and_the_folder_after(tmp_path, monkeypatch):
+    from pacnet import checkpoint as module
+
+    done, replace = [], module.Path.replace
+
+    def logged_replace(source, target):
+        done.append("rename")
+        return replace(source, target)
+
+    monkeypatch.setattr(os, "fsync", lambda _handle: done.append("sync"))
+    monkeypatch.setattr(module.Path, "replace", logged_replace)
+    make_network(1.0).save_pretrained(tmp_path)
+    assert done == ["sync", "sync", "rename", "rename", "sync"]
+
+
+@pytest.mark.parametrize("version", [0, 2, "1", None])
+def test_any_other_version_is_refused(checkpoint, version):
+    rewrite_config(checkpoint, version=version)
+    with pytest.raises(ValueError, match=f"version 1, got {version!r}"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_folders_are_made_on_the_way(tmp_path):
+    make_network(1.0).save_pretrained(tmp_path / "one" / "two")
+    assert len(PACNet.from_pretrained(tmp_path / "one" / "two").sofm) == 1
+
+
+def test_tensors_without_a_config_are_said_so(checkpoint):
+    (checkpoint / "config.json").unlink()
+    with pytest.raises(FileNotFoundError, match=r"expected config\.json beside model\.safetensors"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_a_config_that_is_no_object_is_refused(checkpoint):
+    rewrite_config(checkpoint, config=[1])
+    with pytest.raises(ValueError, match="an object under 'config'"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_tensors_are_stored_in_their_own_order_however_they_lie_in_memory(tmp_path):
+    matrix = torch.arange(6.0).reshape(2, 3).T
+    write_checkpoint(tmp_path, {}, {"matrix": matrix})
+    assert torch.equal(read_checkpoint(tmp_path)[1]["matrix"], matrix)

@@ -234,7 +234,9 @@ def test_an_interrupt_while_saving_waits_until_the_episode_is_written(tmp_path: 
         interrupted.append(True)
         signal.raise_signal(signal.SIGINT)
 
-    previous = signal.signal(signal.SIGALRM, interrupt)
+    # A background job hands down an ignored SIGINT.
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    previous_alarm = signal.signal(signal.SIGALRM, interrupt)
     try:
         with DemonstrationWriter(tmp_path / "new", fps=10, features=FEATURES) as writer:
             writer.save_episode("task", episode(0))
@@ -245,7 +247,8 @@ def test_an_interrupt_while_saving_waits_until_the_episode_is_written(tmp_path: 
             writer.save_episode("task", episode(2))
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, previous)
+        signal.signal(signal.SIGALRM, previous_alarm)
+        signal.signal(signal.SIGINT, previous)
 
     assert_holds(tmp_path / "new", episode(0), long, episode(2))
 
@@ -267,6 +270,7 @@ def test_a_process_that_is_interrupted_keeps_its_finished_episodes(tmp_path: Pat
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         assert process.stdout is not None
         for _ in range(3):

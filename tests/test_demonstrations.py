@@ -337,3 +337,44 @@ def test_reading_does_without_lerobot(root: Path):
     )
 
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_task_of_the_first_frame_counts(root):
+    frames = columns()
+    frames["task_index"] = np.array([0, 0, 0, 1, 1, 0, 1, 1])
+    write_rows(root, frames, list(range(8)), "chunk-000/file-000.parquet")
+    assert [one.task for one in load_demonstrations(root)] == ["drink", "wave", "drink"]
+
+
+def test_integers_are_read_as_floats(root):
+    frames = columns()
+    frames["action"] = np.arange(8)[:, None]
+    write_rows(root, frames, list(range(8)), "chunk-000/file-000.parquet")
+    features = json.loads((root / "meta/info.json").read_text())["features"]
+    write_info(root, features=features | {"action": {"dtype": "int64", "shape": [1]}})
+    action = load_demonstrations(root).episodes[0].action
+    assert action.dtype == torch.float32
+    assert action.flatten().tolist() == [0, 1, 2, 3]
+
+
+def test_a_fraction_of_a_frame_per_second_stays(root):
+    write_info(root, fps=29.97)
+    assert load_demonstrations(root).fps == 29.97
+
+
+@pytest.mark.parametrize("fps", [0, -1])
+def test_fps_above_zero(root, fps):
+    write_info(root, fps=fps)
+    with pytest.raises(DatasetError, match=f"fps above 0, found {fps}"):
+        load_demonstrations(root)
+
+
+def test_vectors_of_length_one_may_be_lists(root):
+    frames = columns()
+    table = pq.read_table(root / "data/chunk-000/file-000.parquet")
+    lists = pa.array(frames["action"].tolist())  # [[x], [x], …]
+    table = table.set_column(table.column_names.index("action"), "action", lists)
+    pq.write_table(table, root / "data/chunk-000/file-000.parquet")
+    np.testing.assert_array_equal(
+        load_demonstrations(root).episodes[0].action, frames["action"][:4]
+    )

@@ -211,8 +211,8 @@ def test_episodes_differ_in_length(noiseless):
     for seed in range(20):
         noiseless.reset(seed=seed)
         lengths.append(noiseless.episode_steps * 0.02)
-    assert 7.0 < min(lengths) < max(lengths) - 0.5
-    assert max(lengths) < 11.0
+    assert 8.0 < min(lengths) < max(lengths) - 0.5
+    assert max(lengths) < 13.0
 
 
 def test_the_demonstrator_moves_smoothly(noiseless):

@@ -1,5 +1,6 @@
 """The whole network: what it learns by watching, what it commands, and what it refuses."""
 
+import copy
 import dataclasses
 import math
 
@@ -124,7 +125,7 @@ def test_a_sequence_at_once_equals_sample_by_sample(preset: str):
 
 def test_eval_mode_learns_nothing_and_recall_changes_nothing_learned():
     network = make_taught().eval()
-    before = network.state_dict()
+    before = copy.deepcopy(network.state_dict())
     record = network.observe(*make_circle(noise=0.5, seed=3), episode=7)
     network.recall(make_circle()[0])
     assert record.ignored.all()
@@ -173,7 +174,7 @@ BAD_PAIRS = {
 @pytest.mark.parametrize("case", BAD_PAIRS)
 def test_bad_input_is_refused_before_anything_changes(case: str):
     network = make_taught()
-    before = network.state_dict()
+    before = copy.deepcopy(network.state_dict())
     percepts, targets, message = BAD_PAIRS[case]
     with pytest.raises(ValueError, match=message):
         network.observe(percepts, targets, episode=3)
@@ -200,3 +201,47 @@ def test_presets_take_any_field():
     assert SOFMConfig.paper(2) == dataclasses.replace(
         SOFMConfig.paper(2, winner_rate=0.3), winner_rate=0.1
     )
+
+
+def test_reset_starts_every_sequence_again():
+    config = PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2, recall_by="order"))
+    network, percepts = PACNet(config), torch.zeros(20, 2)
+    network.observe(percepts, percepts[:, :1], episode=0)
+    assert network.recall(percepts[:3]).position.tolist() == [0, 1, 2]
+    assert network.recall(percepts[:1]).position.tolist() == [3]
+    network.reset()
+    assert network.recall(percepts[:2]).position.tolist() == [0, 1]
+
+
+def test_in_the_preset_gwr_a_habituated_node_keeps_targets_and_goes_on_learning():
+    network = make_network("gwr")
+    record = network.observe(torch.zeros(30, 2), torch.arange(30.0)[:, None], episode=0)
+    assert record.attended.all()
+    assert network.schemas.targets(0).flatten().tolist() == list(range(11, 30))
+
+
+def test_percepts_reach_the_schemas_scaled():
+    attention = SOFMConfig.paper(2, scale=(0.01, 1.0), forgetting_interval=None)
+    network = PACNet(PACNetConfig(attention, MotorSchemasConfig(1, 2)))
+    network.observe(torch.zeros(11, 2), torch.zeros(11, 1), episode=0)  # habituates
+    network.observe(torch.tensor([[40.0, 0.0], [0.0, 0.3]]), torch.tensor([[1.0], [2.0]]), 0)
+    # scaled, the percept is at (.1, .0): .3 from the first cue, sqrt(.01 + .09) = .316 from the
+    # second; unscaled, 10 lies 10.0 from the second and 9.6 from the scaled first.
+    assert network.schemas.cues(0).tolist() == [[pytest.approx(0.4), 0], [0, pytest.approx(0.3)]]
+    assert network.recall(torch.tensor([[10.0, 0.3]])).targets.item() == 2
+    assert network.recall(torch.tensor([[25.0, 0.0]])).targets.item() == 1
+
+
+def test_eval_mode_keeps_the_episode_too():
+    network = make_network().eval()
+    network.observe(torch.zeros(2, 2), torch.zeros(2, 1), episode=5)
+    network.train().observe(torch.zeros(2, 2), torch.zeros(2, 1), episode=0)
+
+
+def test_at_the_sample_that_deletes_a_node_the_winner_still_keeps_its_target():
+    network = make_network(max_edge_age=2, ignore_when_habituated=False, neighbour_rate=0.0)
+    rows = [(9, 0), *[(0, 0)] * 12, (0, 2), *[(0, 0)] * 3]  # nodes 0, 1, 2; edges 0-1, 1-2
+    seen = torch.tensor(rows, dtype=torch.float32)
+    record = network.observe(seen, torch.arange(17.0)[:, None], episode=0)
+    assert record.deleted.nonzero().flatten().tolist() == [15]  # node 0: the winner was 1, is 0
+    assert network.schemas.targets(0).flatten().tolist() == [12, 14, 15, 16]

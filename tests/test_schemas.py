@@ -182,3 +182,42 @@ def test_a_config_without_meaning_is_refused_by_name(field: str, value: object):
     fields = {"target_dimensions": 1, "percept_dimensions": 1, field: value}
     with pytest.raises(ValueError, match=f"MotorSchemasConfig.{field}.*got"):
         MotorSchemasConfig(**fields)
+
+
+def test_by_cue_the_distance_is_euclidean_over_every_dimension():
+    schemas = MotorSchemas(MotorSchemasConfig(1, percept_dimensions=2))
+    schemas.add_node()
+    for value, cue in ((1.0, (0.0, 3.0)), (2.0, (2.0, 2.0))):
+        schemas.write(0, torch.tensor([value]), torch.tensor(cue), 0, habituated=True)
+    result = schemas.recall(0, torch.zeros(2))  # squared 9 and 8; city block 3 and 4
+    assert result is not None
+    assert result.position == 1
+
+
+def test_deleted_nodes_leave_no_lasting_gaps():
+    schemas = make_schemas(nodes=1)
+    for episode in range(50):
+        node = schemas.add_node()
+        write(schemas, node, *range(100), episode=episode)
+        schemas.delete(torch.tensor([node]))
+    assert len(schemas.pool) < 2000
+
+
+def test_appending_seldom_moves_a_sequence():
+    schemas, starts = make_schemas(nodes=1), set()
+    for value in range(1000):
+        write(schemas, 0, value)
+        starts.add(int(schemas.blocks.live("start")[0]))
+    assert len(starts) <= 8  # room for 8, 16, …, 1024
+
+
+def test_a_recall_in_progress_starts_afresh_when_nodes_are_deleted():
+    schemas = make_schemas(nodes=3, recall_by="order")
+    write(schemas, 1, 1, 2)
+    write(schemas, 2, 7, 8)
+    for _ in range(2):
+        schemas.recall(1, torch.zeros(1))
+    schemas.delete(torch.tensor([1]))
+    result = schemas.recall(1, torch.zeros(1))  # what was node 2
+    assert result is not None
+    assert (result.target.item(), result.position) == (7, 0)

@@ -1,5 +1,6 @@
 """The growing map: the three cases, habituation, forgetting, edges; values worked out by hand."""
 
+import copy
 import math
 
 import numpy as np
@@ -308,7 +309,7 @@ BAD_PERCEPTS = {
 def test_bad_percepts_are_refused_before_anything_changes(case: str, method: str):
     sofm = make_map()
     sofm.observe(percepts((0, 0), (2, 0)))
-    before = sofm.state_dict()
+    before = copy.deepcopy(sofm.state_dict())
     value, message = BAD_PERCEPTS[case]
     with pytest.raises(ValueError, match=message):
         getattr(sofm, method)(value)
@@ -322,6 +323,10 @@ def test_bad_percepts_are_refused_before_anything_changes(case: str, method: str
         ("novelty_threshold", 0.0),
         ("novelty_threshold", math.nan),
         ("winner_rate", 1.5),
+        ("neighbour_rate", 1.1),
+        ("winner_tau", 0.0),
+        ("neighbour_tau", math.inf),
+        ("alpha", 0.0),
         ("habituated_below", 0.04),  # under the floor 1 - 1/1.05: never reached
         ("scale", (1.0,)),
         ("scale", (1.0, 0.0)),
@@ -333,3 +338,40 @@ def test_bad_percepts_are_refused_before_anything_changes(case: str, method: str
 def test_a_config_without_meaning_is_refused_by_name(field: str, value: object):
     with pytest.raises(ValueError, match=f"SOFMConfig.{field}.*got"):
         SOFMConfig.paper(2, **{field: value})
+
+
+def test_a_percept_exactly_at_the_threshold_is_no_novelty():
+    sofm = make_map(novelty_threshold=torch.tensor(-1.0).exp().item())
+    sofm.observe(percepts((0, 0)))
+    assert sofm(percepts((1, 0), (1.001, 0))).novelty.tolist() == [False, True]
+
+
+def test_two_far_away_percepts_still_have_two_winners():
+    sofm = make_map(1)
+    sofm.observe(percepts((1e30,), (0,), (1e30,)))  # squares pass what float32 holds
+    reading = sofm(percepts((1e30,)))
+    assert (reading.winner.item(), reading.runner_up.item()) == (0, 1)
+    assert sofm.edges.live("ends").tolist() == [[0, 1]]
+
+
+def test_gwr_never_forgets_by_default():
+    assert SOFMConfig.gwr(2).forgetting_interval is None
+
+
+def test_several_nodes_that_go_at_once_move_the_later_ones_down_together():
+    sofm = make_map(max_edge_age=2, neighbour_rate=0.0, ignore_when_habituated=False)
+    sofm.observe(percepts((0, 0), (9, 0), (-9, 0), (0, 2), (0, 4)))  # 0-1, 0-2, 0-3, 3-4
+    record = sofm.observe(percepts((0, 0)).expand(3, 2))  # 0 and 3 stay best and second best
+    assert record.deleted.tolist() == [0, 0, 2]
+    assert sofm.prototypes.tolist() == [[0, 0], [0, 2], [0, 4]]
+    assert sofm.edges.live("ends").tolist() == [[0, 1], [1, 2]]
+
+
+def test_percepts_on_another_device_are_refused():
+    with pytest.raises(ValueError, match="on cpu, got one on meta"):
+        make_map()(torch.zeros(1, 2, device="meta"))
+
+
+def test_a_percept_has_at_least_one_dimension():
+    with pytest.raises(ValueError, match=r"SOFMConfig\.dimensions ≥ 1, got 0"):
+        SOFMConfig(dimensions=0)

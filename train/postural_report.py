@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 from tqdm import tqdm
 
 from envs.physics import CONTROL_TIMESTEP
@@ -25,6 +26,8 @@ from train.postural_scores import Scores, winners_of
 from train.video import write_gif, write_mp4
 
 FPS = round(1 / CONTROL_TIMESTEP)  # of an episode [1/s]
+
+FRAME_STEPS = 3  # steps from one frame of the film to the next
 
 PAPER = {"nodes": "12", "pca_variance_2": "0.78"}  # what the paper reports, of all we measure
 
@@ -59,12 +62,24 @@ def film(checkpoint: str | Path, seed: int, condition: Condition, folder: Path) 
         def take(step: int) -> None:
             progress.total = environment.episode_steps
             progress.update()
-            if step % 2 == 0:
-                frames.append(environment.render())
+            if step % FRAME_STEPS == 0:
+                frames.append(_with_names(environment.render()))
 
         recall_episode(PACNet.from_pretrained(checkpoint), environment, seed, take)
-    write_mp4(frames, folder / "recall.mp4", FPS / 2)
-    write_gif([frame[::2, ::2] for frame in frames[::2]], folder / "recall.gif", FPS / 4)
+    write_mp4(frames, folder / "recall.mp4", FPS / FRAME_STEPS)
+    write_gif([frame[::2, ::2] for frame in frames], folder / "recall.gif", FPS / FRAME_STEPS)
+
+
+def _with_names(frame: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
+    """A frame with the names of both bodies under them."""
+    assert frame is not None
+    picture = Image.fromarray(frame)
+    height, width = frame.shape[:2]
+    font = ImageFont.load_default(size=height / 18)
+    for name, share in (("demonstrator", 0.25), ("imitator", 0.75)):
+        place = (share * width, 0.98 * height)
+        ImageDraw.Draw(picture).text(place, name, "white", font, anchor="mb")
+    return np.asarray(picture)
 
 
 def print_table(scores: Mapping[str, float | int]) -> None:
