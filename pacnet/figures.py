@@ -189,14 +189,15 @@ def robustness(
 
 
 def threshold_sweep(
-    thresholds: ArrayLike, nodes: ArrayLike, success_rates: ArrayLike, shipped: float
+    thresholds: ArrayLike, nodes: ArrayLike, success_rates: Mapping[str, ArrayLike], shipped: float
 ) -> Figure:
     """Nodes and success over the novelty threshold: over-generalisation against over-fitting.
 
     Args:
         thresholds: Activation under which a percept is novel, ascending [K].
         nodes: Nodes of the map learned with each, one or more [K].
-        success_rates: Share of episodes with task success with each, 0 to 1 [K].
+        success_rates: Name of a way to recall -> share of episodes with task success with each
+            threshold, 0 to 1 [K].
         shipped: The threshold of the shipped checkpoint.
 
     Raises:
@@ -204,7 +205,7 @@ def threshold_sweep(
     """
     values = _array("thresholds", thresholds, (None,))
     counts = _array("nodes", nodes, (len(values),))
-    rates = _array("success_rates", success_rates, (len(values),))
+    rates = {name: _array(name, rate, (len(values),)) for name, rate in success_rates.items()}
     if (counts < 1).any():
         raise ValueError(f"expected nodes ≥ 1 at each threshold, got {nodes}")
     figure = _figure(7, 4.4)
@@ -213,7 +214,10 @@ def threshold_sweep(
     right = left.twinx()
     right.spines[["top", "left"]].set_visible(False)
     (line,) = left.plot(values, counts, "o-", color=BLUE)
-    (other,) = right.plot(values, rates, "s--", color=VERMILION)
+    others = [
+        right.plot(values, rate, style, color=VERMILION)[0]
+        for rate, style in zip(rates.values(), ("s--", "^:", "v-."), strict=False)
+    ]
     mark = left.axvline(shipped, color=GREY, linewidth=5, alpha=0.4, zorder=0)
     left.set_yscale("log")
     left.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -222,11 +226,12 @@ def threshold_sweep(
     right.set_ylim(-0.03, 1.05)
     right.yaxis.set_major_formatter(PercentFormatter(1))
     right.set_ylabel("success rate")
-    for axes, drawn in ((left, line), (right, other)):
-        axes.yaxis.label.set_color(drawn.get_color())
-        axes.tick_params(axis="y", colors=drawn.get_color())
-    names = ("nodes", "success rate", f"shipped threshold {shipped:g}")
-    figure.legend((line, other, mark), names, loc="outside lower center", ncols=3, frameon=False)
+    for axes, colour in ((left, BLUE), (right, VERMILION)):
+        axes.yaxis.label.set_color(colour)
+        axes.tick_params(axis="y", colors=colour)
+    names = ("nodes", f"shipped threshold {shipped:g}", *(f"success, {name}" for name in rates))
+    drawn = (line, mark, *others)
+    figure.legend(drawn, names, loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 

@@ -26,7 +26,12 @@ def examples() -> dict[str, tuple]:
         "winners_over_time": (np.array([3, 3, -1, 5]), 0.1, np.array([5, 3, 3])),
         "wrist_paths": (cloud(20, 3), cloud(30, 3, 1), {"mouth": np.array([0.1, 0.2, 0.3])}),
         "robustness": (["taught", "faster"], np.array([1.0, 0.9]), np.array([0.01, 0.02])),
-        "threshold_sweep": (np.array([0.2, 0.5]), np.array([3, 12]), np.array([0.1, 1.0]), 0.5),
+        "threshold_sweep": (
+            np.array([0.2, 0.5]),
+            np.array([3, 12]),
+            {"by cue": np.array([0.1, 1.0])},
+            0.5,
+        ),
     }
 
 
@@ -172,14 +177,17 @@ def test_robustness_has_a_bar_and_a_number_for_each_condition():
 
 
 def test_threshold_sweep_has_two_axes_and_marks_the_shipped_one():
-    thresholds, nodes, rates = [0.2, 0.5, 0.8], [3, 12, 60], [0.1, 1.0, 0.9]
+    thresholds, nodes = [0.2, 0.5, 0.8], [3, 12, 60]
+    rates = {"by cue": [0.1, 1.0, 0.9], "in order": [0.2, 0.6, 0.0]}
     figure = figures.threshold_sweep(thresholds, nodes, rates, 0.5)
     left, right = figure.axes
     np.testing.assert_array_equal(left.lines[0].get_xydata(), np.c_[thresholds, nodes])
-    np.testing.assert_array_equal(right.lines[0].get_xydata(), np.c_[thresholds, rates])
+    for line, rate in zip(right.lines, rates.values(), strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), np.c_[thresholds, rate])
     assert set(left.lines[1].get_xdata()) == {0.5}
     assert (left.get_ylabel(), right.get_ylabel()) == ("nodes", "success rate")
-    assert figure.legends[0].get_texts()[2].get_text() == "shipped threshold 0.5"
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend == ["nodes", "shipped threshold 0.5", "success, by cue", "success, in order"]
 
 
 @pytest.mark.parametrize(
@@ -200,6 +208,7 @@ def test_threshold_sweep_has_two_axes_and_marks_the_shipped_one():
         ("robustness", 2, [0.1, np.inf], "finite wrist_distances"),
         ("threshold_sweep", 1, [3], r"nodes of shape \[2\]"),
         ("threshold_sweep", 1, [0, 3], "nodes ≥ 1"),
+        ("threshold_sweep", 2, {"by cue": [0.5]}, r"by cue of shape \[2\]"),
     ],
 )
 def test_bad_input_is_refused(name, position, value, message):

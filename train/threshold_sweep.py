@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Literal
+
+from matplotlib.figure import Figure
 
 from pacnet.demonstrations import load_demonstrations
 from pacnet.figures import threshold_sweep
 from train.postural_episodes import Condition, recall_episodes, recall_seeds
 from train.postural_imitation import NOVELTY_THRESHOLD, learn, make_network, record
-from train.postural_scores import Scores, score_episodes, score_order, winners_of
+from train.postural_scores import score_episodes
 from train.runs import (
     command_line,
     make_parser,
@@ -26,6 +29,8 @@ from train.runs import (
 )
 
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+WAYS: tuple[Literal["cue", "order"], ...] = ("cue", "order")  # to find a node's target
+SHOWN = ("novelty_threshold", "recall_by", "nodes", "task_success_rate", "wrist_distance_mean_m")
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -51,31 +56,37 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     """The same demonstrations and the same recall episodes with every threshold."""
     record(folder / "dataset", arguments.seed, arguments.demonstrations)
     demonstrations = load_demonstrations(folder / "dataset")
-    last = demonstrations.episodes[-1].percepts.numpy()
     seeds = recall_seeds(arguments.seed, arguments.episodes)
-    sweep: list[Scores] = []
+    sweep: list[dict[str, float | str]] = []
     for threshold in THRESHOLDS:
-        network = make_network(threshold)
-        learn(network, demonstrations)
-        checkpoint = folder / f"checkpoint-{threshold}"
-        network.save_pretrained(checkpoint)
-        episodes = recall_episodes(checkpoint, seeds, Condition(), f"threshold {threshold}")
-        scores = {"novelty_threshold": threshold, "nodes": len(network.sofm)}
-        scores |= score_episodes(episodes)
-        scores["winner_order_agreement"] = score_order(episodes, winners_of(network, last))
-        sweep.append(scores)
+        for recall_by in WAYS:
+            network = make_network(threshold, recall_by)
+            learn(network, demonstrations)
+            checkpoint = folder / f"checkpoint-{threshold}-{recall_by}"
+            network.save_pretrained(checkpoint)
+            label = f"threshold {threshold}, by {recall_by}"
+            scores = score_episodes(recall_episodes(checkpoint, seeds, Condition(), label))
+            settings = {"novelty_threshold": threshold, "recall_by": recall_by}
+            sweep.append({**settings, "nodes": len(network.sofm), **scores})
     command = command_line("train.threshold_sweep", arguments)
     write_metrics(folder / "metrics.json", command, arguments.seed, {"sweep": sweep})
-    columns = ("novelty_threshold", "nodes", "task_success_rate", "wrist_distance_mean_m")
-    series = {name: [scores[name] for scores in sweep] for name in columns}
-    figure = threshold_sweep(
-        THRESHOLDS, series["nodes"], series["task_success_rate"], NOVELTY_THRESHOLD
-    )
-    save_figures(folder, {"threshold_sweep": figure})
-    print("\n" + "".join(f"{name:>24}" for name in columns))
+    save_figures(folder, {"threshold_sweep": draw(sweep)})
+    print("\n" + "".join(f"{name:>24}" for name in SHOWN))
     for scores in sweep:
-        print("".join(f"{scores[name]:24.4g}" for name in columns))
+        print("".join(f"{_short(scores[name]):>24}" for name in SHOWN))
     print(f"\nscores    {folder / 'metrics.json'}\nfigure    {folder / 'threshold_sweep.png'}")
+
+
+def draw(sweep: list[dict[str, float | str]]) -> Figure:
+    """Nodes, and success by each way to recall, over the threshold."""
+    ways = {way: [scores for scores in sweep if scores["recall_by"] == way] for way in WAYS}
+    nodes = [scores["nodes"] for scores in ways["cue"]]
+    success = {f"by {way}": [s["task_success_rate"] for s in ways[way]] for way in WAYS}
+    return threshold_sweep(THRESHOLDS, nodes, success, NOVELTY_THRESHOLD)
+
+
+def _short(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}"
 
 
 if __name__ == "__main__":
