@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from pacnet.demonstrations import load_demonstrations
 from pacnet.figures import threshold_sweep
+from train.learning_log import LearningLog
 from train.postural_episodes import Condition, recall_episodes, recall_seeds
 from train.postural_imitation import NOVELTY_THRESHOLD, learn, make_network, record
 from train.postural_scores import score_episodes
@@ -37,7 +38,7 @@ def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = make_parser("train.threshold_sweep", __doc__, episodes=20)
     parser.add_argument(
-        "--demonstrations", type=positive, default=5, help="noisy demonstrations to learn from"
+        "--demonstrations", type=positive, default=8, help="noisy demonstrations to learn from"
     )
     return parser.parse_args()
 
@@ -59,9 +60,12 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     seeds = recall_seeds(arguments.seed, arguments.episodes)
     sweep: list[dict[str, float | str]] = []
     for threshold in THRESHOLDS:
-        for recall_by in WAYS:
+        taught = make_network(threshold)
+        with LearningLog(folder / "tensorboard" / f"threshold-{threshold}") as log:
+            learn(taught, demonstrations, log)
+        for recall_by in WAYS:  # which is no matter of learning
             network = make_network(threshold, recall_by)
-            learn(network, demonstrations)
+            network.load_state_dict(taught.state_dict())
             checkpoint = folder / f"checkpoint-{threshold}-{recall_by}"
             network.save_pretrained(checkpoint)
             label = f"threshold {threshold}, by {recall_by}"
