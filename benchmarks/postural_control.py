@@ -83,13 +83,15 @@ def torque_drive(
 def _controller(kd_per_kp: float, dt: float) -> PIDController:
     """The library's controller with the scene's proportional and integral gains."""
     kp = [humanoid.stiffness(joint) for joint in JOINTS]
+    ki = [humanoid.KI_PER_KP * gain for gain in kp]  # [N m/(rad s)]
     return PIDController(
         PIDConfig(
             kp=tuple(kp),
-            ki=tuple(humanoid.KI_PER_KP * gain for gain in kp),
+            ki=tuple(ki),
             kd=tuple(kd_per_kp * gain for gain in kp),
             dt=dt,
-            integral_limit=humanoid.MAX_INTEGRAL_TORQUE,
+            # One limit for all joints: as the plugin's at the shoulders, lower at the others.
+            integral_limit=humanoid.MAX_INTEGRAL_TORQUE / max(ki),  # [rad s]
             torque_limit=humanoid.MAX_TORQUE,
         )
     )

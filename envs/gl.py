@@ -1,33 +1,55 @@
 """Chooses MuJoCo's OpenGL backend before dm_control is imported, so that no display is ever needed.
 
 dm_control reads ``MUJOCO_GL`` once, at import. Left to itself on a machine without a display it
-picks GLFW, and the first render ends the process in a way that Python cannot catch.
+picks GLFW, and the first render may end the process in a way that Python cannot catch.
 """
 
 import os
+import subprocess
 import sys
-from ctypes.util import find_library
 
-LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa"}  # these draw without a window
+BACKENDS = ("egl", "osmesa", "glfw")  # the first two draw without a window
+TRIAL_SECONDS = 30.0  # after which a backend counts as broken
+TRIAL = """
+import mujoco
+from dm_control import _render
+with _render.Renderer(16, 16).make_current() as context:
+    context.call(mujoco.MjrContext, mujoco.MjModel.from_xml_string("<mujoco/>"), 50)
+"""
 
 
 def choose_gl() -> None:
-    """Sets ``MUJOCO_GL`` to a backend that works here, unless it names one that does.
+    """Sets ``MUJOCO_GL`` to a backend that works here: the one it names, if that does.
 
-    In order: EGL, OSMesa, GLFW where there is a display, else ``disable`` (no OpenGL). Only Linux
+    Else in order: EGL, OSMesa, GLFW where there is a display, ``disable`` (no OpenGL). Only Linux
     needs the choice.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
-    backends = (*LIBRARIES, "glfw")
-    is_other_word = wanted not in ("", *backends)  # "disable", or dm_control explains the error
-    if not sys.platform.startswith("linux") or is_other_word or _works(wanted):
+    is_other_word = wanted not in ("", *BACKENDS)  # "disable", or dm_control explains the error
+    if not sys.platform.startswith("linux") or is_other_word:
         return
-    os.environ["MUJOCO_GL"] = next(filter(_works, backends), "disable")
+    candidates = dict.fromkeys((wanted or BACKENDS[0], *BACKENDS))
+    os.environ["MUJOCO_GL"] = next(filter(_works, candidates), "disable")
 
 
 def _works(backend: str) -> bool:
-    """Whether a backend's library, or the display it needs, is there."""
-    if backend in LIBRARIES:
-        return find_library(LIBRARIES[backend]) is not None
+    """Whether a backend can be had; GLFW is not even tried without a display."""
     has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    return backend == "glfw" and bool(has_display)
+    return (backend != "glfw" or bool(has_display)) and _makes_context(backend)
+
+
+def _makes_context(backend: str) -> bool:
+    """Tries a backend in a process of its own.
+
+    A library that is there may still find no device, one that fails leaves PyOpenGL bound to it,
+    and some end the process.
+    """
+    command = [sys.executable, "-c", TRIAL]
+    environ = {**os.environ, "MUJOCO_GL": backend}
+    try:
+        done = subprocess.run(
+            command, env=environ, capture_output=True, timeout=TRIAL_SECONDS, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return done.returncode == 0

@@ -191,7 +191,7 @@ def _collide(model: Element) -> None:
             continue
         if "finger" in body or "thumb" in body or "hand" in body:
             geom.set_attributes(contype=0, conaffinity=0)
-        elif body[1:] in ("radius", "wrist", "hand"):
+        elif body[1:] in ("radius", "wrist"):
             geom.set_attributes(contype=FOREARM, conaffinity=FURNITURE | BODY | FOREARM)
         else:
             geom.set_attributes(contype=BODY, conaffinity=FOREARM)

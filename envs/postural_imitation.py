@@ -9,9 +9,10 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
-from envs.demonstrator import PHASES, REST_POSTURE, plan_drink
+from envs.demonstrator import PHASES, REST_POSTURE, Demonstration, plan_drink
 from envs.drawing import draw_scene
 from envs.humanoid import JOINTS
 from envs.kinematics import BodyKinematics
@@ -28,18 +29,21 @@ from envs.scene import GLASS_PLACE, IMITATOR, MAX_HEIGHT, MAX_WIDTH, WHO
 from envs.task import MOUTH_DISTANCE, measure
 
 GLASS_SPREAD = 0.01  # [m] the glass stands within this of its nominal place, in x and in y
-__all__ = ["GLASS_NAMES", "JOINTS", "STATE_NAMES", "PosturalImitationEnv", "percept"]
+__all__ = ["GLASS_NAMES", "STATE_NAMES", "PosturalImitationEnv", "percept"]
 
 SLACK = 1e-6  # by which rounding may take an action out of [-1, 1]
 REWARD_DISTANCE = 0.1  # [m] between the wrists at which the reward is 1/e
 
 
 class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
-    """Two waist-up humanoids at a table; see the module and `docs/` for the scene.
+    """Two waist-up humanoids face each other across a table, a glass before each.
 
-    Action: targets of the imitator's joints (11,) in the order of `JOINTS`, as shares of their
-    ranges: -1 is a joint's lower limit, 1 its upper. `step_to` takes the angles themselves [rad],
-    in which `rest_posture` and `demonstrator_target` are.
+    A right hand closes by itself on the glass within 3 cm of it when it moves slowly. It lets go
+    when the glass, lifted before, is back on the table and slow.
+
+    Action: targets of the imitator's joints (11,) in the order of `envs.humanoid.JOINTS`, as shares
+    of their ranges: -1 is a joint's lower limit, 1 its upper. `step_to` takes the angles themselves
+    [rad], in which `rest_posture` and `demonstrator_target` are.
 
     Observation, noisy and clipped to its space: ``demonstrator`` (22,) angles [rad] and velocities
     [rad/s], ``glass`` (6,) the demonstrator's glass in the demonstrator's body frame, position [m]
@@ -85,6 +89,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._noise = noise_scale * noise_std()  # (50,)
         self._low_angle, self._high_angle = self._physics.joint_range.T
         self.draws_with_gl = True  # until it fails
+        self._demonstration: Demonstration | None = None  # until reset
         self.action_space = Box(-1.0, 1.0, shape=(len(JOINTS),), dtype=np.float32)
         self.observation_space, self._low, self._high = observation_space(self._physics.joint_range)
         self.rest_posture = REST_POSTURE.astype(np.float32)
@@ -114,7 +119,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         super().reset(seed=seed, options=options)
         spread = self.np_random.uniform(-GLASS_SPREAD, GLASS_SPREAD, size=2)
         self._place = np.array(GLASS_PLACE) + spread
-        self._plan = plan_drink(self._kinematics, self._place, self.np_random, self._pace)
+        self._demonstration = plan_drink(self._kinematics, self._place, self.np_random, self._pace)
         self._step = 0
         self._mouth_reached = [False, False]
         self._physics.begin(np.stack([self._plan.angles[0], REST_POSTURE]), self._place)
@@ -133,6 +138,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
         Raises:
             ValueError: the action is not 11 finite numbers within [-1, 1]; nothing has moved.
+            ResetNeeded: the environment was never reset.
         """
         shares = _checked("action", action)
         if np.abs(shares).max() > 1 + SLACK:
@@ -156,6 +162,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
         Raises:
             ValueError: the angles are not 11 finite numbers; nothing has moved.
+            ResetNeeded: the environment was never reset.
         """
         wanted = np.clip(_checked("angles", angles), self._low_angle, self._high_angle)
         self._physics.advance(np.stack([self.demonstrator_target, wanted]))
@@ -183,9 +190,13 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
         Returns:
             A picture (height, width, 3) uint8, or None without a render mode.
+
+        Raises:
+            ResetNeeded: the environment was never reset.
         """
         if self.render_mode is None:
             return None
+        _ = self._plan  # raises before reset
         if self.draws_with_gl:
             try:
                 return self._physics.render(*self._size, camera_id=self._physics.camera)
@@ -196,6 +207,13 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     def close(self) -> None:
         """Frees the simulation and its OpenGL context."""
         self._physics.free()
+
+    @property
+    def _plan(self) -> Demonstration:
+        """The demonstration of this episode, or ResetNeeded."""
+        if self._demonstration is None:
+            raise ResetNeeded("expected a call of reset first, the environment was never reset")
+        return self._demonstration
 
     def _observe(self) -> dict[str, np.ndarray]:
         """Perceives the state with noise, as float32 within the space."""

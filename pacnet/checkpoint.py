@@ -39,6 +39,7 @@ def write_checkpoint(
 
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    _finish_interrupted_write(folder)
     document = {"format": FORMAT, "version": VERSION, "config": config}
     text = (json.dumps(document, indent=2) + "\n").encode()
     contiguous = {name: tensor.contiguous().cpu() for name, tensor in tensors.items()}
@@ -62,6 +63,18 @@ def read_checkpoint(folder: str | Path) -> tuple[dict[str, Any], dict[str, Tenso
         raise FileNotFoundError(f"expected a checkpoint folder with {TENSOR_FILE}, got '{folder}'")
     tensors, digest = _read_tensors(folder / TENSOR_FILE)
     return _read_config(folder, digest), tensors
+
+
+def _finish_interrupted_write(folder: Path) -> None:
+    """Brings a config into force whose tensors already are, before its name is written again."""
+    if not (folder / (CONFIG_FILE + _NEW)).is_file() or not (folder / TENSOR_FILE).is_file():
+        return
+    try:
+        _, digest = _read_tensors(folder / TENSOR_FILE)
+    except ValueError:
+        return  # a damaged checkpoint is about to be replaced
+    if _digest((folder / (CONFIG_FILE + _NEW)).read_bytes()) == digest:
+        (folder / (CONFIG_FILE + _NEW)).replace(folder / CONFIG_FILE)
 
 
 def _read_tensors(path: Path) -> tuple[dict[str, Tensor], str | None]:

@@ -5,8 +5,6 @@ once they are closed: leaving the `with` block closes them, however it is left.
 """
 
 import shutil
-import signal
-import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +13,8 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from pacnet.interrupts import interrupts_held_back
 
 # Columns that LeRobot fills in by itself.
 _RESERVED = ("timestamp", "frame_index", "episode_index", "index", "task_index", "task")
@@ -74,7 +74,7 @@ class DemonstrationWriter:
                 f"expected a folder to be made for the dataset, {self._root} exists"
             )
         try:
-            with _interrupts_held_back():
+            with interrupts_held_back():
                 self._dataset = LeRobotDataset.create(
                     repo_id=f"local/{self._root.name}",
                     fps=self._fps,
@@ -98,7 +98,7 @@ class DemonstrationWriter:
         traceback: TracebackType | None,
     ) -> None:
         """Close the dataset, so that all saved episodes can be read."""
-        with _interrupts_held_back():
+        with interrupts_held_back():
             self._close()
 
     def save_episode(self, task: str, frames: Mapping[str, ArrayLike]) -> None:
@@ -131,7 +131,7 @@ class DemonstrationWriter:
             # LeRobot stores vectors of length 1 as scalars.
             **{name: rows[:, 0] if rows.shape[1] == 1 else rows for name, rows in columns.items()},
         }
-        with _interrupts_held_back(), _progress_bars_off():
+        with interrupts_held_back(), _progress_bars_off():
             self._dataset.save_episode(episode)
 
     def _close(self) -> None:
@@ -193,22 +193,6 @@ def _checked_rows(name: str, values: ArrayLike, dimension: int) -> NDArray[np.fl
             f"{wanted} and finite, got {len(bad)} others, the first in row {bad[0][0]}"
         )
     return rows
-
-
-@contextmanager
-def _interrupts_held_back() -> Iterator[None]:
-    """Delivers a Ctrl-C only after the block, so that no file is left half written."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # Python raises KeyboardInterrupt in the main thread alone
-        return
-    interrupted = threading.Event()
-    previous = signal.signal(signal.SIGINT, lambda *_: interrupted.set())
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)
-        if interrupted.is_set():
-            signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager

@@ -3,8 +3,9 @@
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import torch
@@ -82,7 +83,8 @@ def load_demonstrations(
     Raises:
         DatasetError: The folder or one of its files is missing or damaged, the format is another
             than v3.0, a feature is missing or not a vector of numbers, the counts in
-            `meta/info.json` do not match the frames found, or a value is not finite.
+            `meta/info.json` do not match the frames found, the episodes' numbers do not ascend,
+            or a value is not finite.
     """
     root = Path(root)
     info = read_info(root)
@@ -117,16 +119,21 @@ def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
         there = ", ".join(sorted(info["features"]))
         raise DatasetError(f"expected the feature {feature!r}, the dataset has {there}")
     description = info["features"][feature]
+    wanted = f"expected {feature!r} to be a vector of numbers of shape [D > 0]"
+    if not isinstance(description, dict):
+        raise DatasetError(f"{wanted}, found the description {description!r}")
     dtype, shape, names = (description.get(key) for key in ("dtype", "shape", "names"))
-    if not re.match("float|int", str(dtype)) or not isinstance(shape, list) or len(shape) != 1:
-        raise DatasetError(
-            f"expected {feature!r} to be a vector of numbers, found dtype {dtype}, shape {shape}"
-        )
+    if not re.match("float|int", str(dtype)) or not _is_vector_shape(shape):
+        raise DatasetError(f"{wanted}, found dtype {dtype}, shape {shape}")
     if isinstance(names, dict):  # some robots' datasets keep them as {"motors": [...]}
         names = next(iter(names.values()), None)
     if not isinstance(names, list) or len(names) != shape[0]:
         names = range(shape[0])
     return tuple(str(name) for name in names)
+
+
+def _is_vector_shape(shape: object) -> TypeGuard[list[int]]:
+    return isinstance(shape, list) and [type(size) for size in shape] == [int] and shape[0] > 0
 
 
 def _episode_starts(info: dict[str, Any], frames: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -143,6 +150,10 @@ def _episode_starts(info: dict[str, Any], frames: Mapping[str, np.ndarray]) -> n
             f"meta/info.json counts {expected} episodes, the data files hold {found} "
             f"in {len(starts)} runs of frames"
         )
+    numbers = frames["episode_index"][starts]
+    for before, number in pairwise(numbers.tolist()):
+        if not before < number:
+            raise DatasetError(f"expected ascending episodes, found {number} after {before}")
     return starts
 
 

@@ -6,6 +6,7 @@ frame, many episodes a file. Images and videos are left alone. Needs pyarrow.
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,8 +48,9 @@ def _check_info(path: Path, info: dict[str, Any]) -> None:
         raise DatasetError(f"{path}: expected the dataset's features, found {info.get('features')}")
     for name in ("fps", "total_frames", "total_episodes"):
         count = info.get(name)
-        if not isinstance(count, int | float) or count <= 0:
-            raise DatasetError(f"{path}: expected {name} above 0, found {count!r}")
+        number = 0 if isinstance(count, bool) or not isinstance(count, int | float) else count
+        if not 0 < number < math.inf:
+            raise DatasetError(f"{path}: expected {name} above 0 and finite, found {count!r}")
 
 
 def read_frames(root: Path, dimensions: Mapping[str, int]) -> dict[str, np.ndarray]:
@@ -69,8 +71,13 @@ def read_tasks(root: Path, task_indices: np.ndarray) -> list[str]:
     words = [name for name in table.column_names if name != "task_index"]
     if len(table.column_names) != 2 or len(words) != 1:
         raise DatasetError(f"{path}: expected task_index and a task, found {table.column_names}")
-    numbers = table["task_index"].to_pylist()
-    tasks = dict(zip(numbers, table[words[0]].to_pylist(), strict=True))
+    rows = list(zip(*(table[name].to_pylist() for name in ("task_index", *words)), strict=True))
+    for number, task in rows:
+        if not isinstance(number, int) or not isinstance(task, str):
+            raise DatasetError(
+                f"{path}: expected tasks as number, words, found {number!r}, {task!r}"
+            )
+    tasks = dict(rows)
     unknown = sorted(set(task_indices.tolist()) - set(tasks))
     if unknown:
         raise DatasetError(f"{path}: expected the tasks {unknown}, found {sorted(tasks)}")
@@ -115,6 +122,8 @@ def _to_matrix(column: "pa.Array", dimension: int) -> np.ndarray:
     import pyarrow.types
 
     if dimension > 1 or pyarrow.types.is_nested(column.type):
+        if not _is_list(column.type):
+            raise ValueError(f"{column.type} in place of lists of {dimension}")
         lengths = _to_numpy(pc.call_function("list_value_length", [column]))
         if (lengths != dimension).any():
             raise ValueError(
@@ -123,6 +132,12 @@ def _to_matrix(column: "pa.Array", dimension: int) -> np.ndarray:
         column = column.flatten()
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused
         return _to_numpy(column).astype(np.float32).reshape(-1, dimension)
+
+
+def _is_list(kind: "pa.DataType") -> bool:
+    from pyarrow import types
+
+    return types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
 
 
 def _to_numpy(column: "pa.Array") -> np.ndarray:

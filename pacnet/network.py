@@ -6,6 +6,7 @@ Source: Maistros, Marom & Hayes (2001), section "The Integrated System", Figure 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from operator import index
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,10 +14,14 @@ import torch
 from torch import Tensor, nn
 
 from pacnet.checkpoint import read_checkpoint, write_checkpoint
+from pacnet.integrity import check_integrity
+from pacnet.interrupts import interrupts_held_back
 from pacnet.schemas import NO_EPISODE, MotorSchemas, MotorSchemasConfig
 from pacnet.sofm import NOBODY, Attention, HabituatingSOFM, Observation, Response, record
 from pacnet.sofm_config import SOFMConfig
 from pacnet.validation import check_rows
+
+_LAST_EPISODE = 2**63 - 1  # that an int64 holds
 
 
 @dataclass(frozen=True)
@@ -119,19 +124,21 @@ class PACNet(nn.Module):
                 episode before the last one; nothing has been learned then.
         """
         self._check_episode(episode)
+        episode = index(episode)
         percepts, targets = self._check_pair(percepts, targets)
+        if self.training:
+            self.episode.fill_(episode)
         responses = [
             self._observe_one(percept, target, episode)
             for percept, target in zip(percepts, targets, strict=True)
         ]
-        if self.training:
-            self.episode.fill_(episode)
         return record(responses)
 
     def _observe_one(self, percept: Tensor, target: Tensor, episode: int) -> Response:
-        response = self.sofm.attend(percept)
-        # Growing inside a caller's inference mode would make buffers nobody can update later.
-        with torch.inference_mode(False):
+        # Growing inside a caller's inference mode would make buffers nobody can update later; a
+        # Ctrl-C between map and schemas would leave a node without one.
+        with torch.inference_mode(False), interrupts_held_back():
+            response = self.sofm.attend(percept)
             if response.inserted:
                 self.schemas.add_node()
             elif self.training:
@@ -179,8 +186,13 @@ class PACNet(nn.Module):
 
         Args:
             folder: made if it is missing; a checkpoint in it is replaced, other files stay.
+
+        Raises:
+            ValueError: the network's tensors contradict one another; nothing has been written.
         """
-        write_checkpoint(folder, asdict(self.config), self.state_dict())
+        tensors = self.state_dict()  # which closes the gaps between the schemas' sequences
+        check_integrity(self.sofm, self.schemas)
+        write_checkpoint(folder, asdict(self.config), tensors)
 
     @classmethod
     def from_pretrained(cls, folder: str | Path) -> PACNet:
@@ -199,22 +211,24 @@ class PACNet(nn.Module):
                 f"expected the tensors of a PACNet in '{folder}', "
                 f"got {missing} missing, {extra} extra"
             )
+        network.to(tensors["sofm.nodes.prototype"].dtype)
+        for name, tensor in network.state_dict().items():
+            if tensors[name].dtype != tensor.dtype:
+                raise ValueError(
+                    f"expected {name} as {tensor.dtype} in '{folder}', got {tensors[name].dtype}"
+                )
         try:
             network.load_state_dict(tensors)
-        except RuntimeError as error:
-            raise ValueError(
-                f"expected the tensors of this config in '{folder}', got {error}"
-            ) from error
-        if len(network.sofm) != len(network.schemas):
-            raise ValueError(
-                f"expected a motor schema for each node in '{folder}', "
-                f"got {len(network.schemas)} for {len(network.sofm)} nodes"
-            )
+            check_integrity(network.sofm, network.schemas)
+        except (RuntimeError, ValueError) as error:
+            raise ValueError(f"expected the tensors of a PACNet in '{folder}': {error}") from error
         return network
 
     def _check_episode(self, episode: int) -> None:
-        if isinstance(episode, bool) or not isinstance(episode, int):
+        if isinstance(episode, bool) or not hasattr(episode, "__index__"):
             raise ValueError(f"expected episode as an int, got {type(episode).__name__}")
+        if index(episode) > _LAST_EPISODE:
+            raise ValueError(f"expected episode ≤ {_LAST_EPISODE}, got {episode}")
         last = max(0, int(self.episode))
         if episode < last:
             raise ValueError(f"expected episode ≥ {last}, the last one observed, got {episode}")

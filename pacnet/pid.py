@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import torch
 from torch import Tensor, nn
@@ -27,8 +28,9 @@ class PIDConfig:
         torque_limit: Bound on the magnitude of each joint's torque [N m].
 
     Raises:
-        ValueError: Gains that are negative, not finite, none or not equally many; a time step
-            that is not positive and finite; a limit that is not positive (infinity: no limit).
+        ValueError: A field of another type; gains that are negative, not finite, none or not
+            equally many; a time step that is not positive and finite; a limit that is not
+            positive (infinity: no limit).
     """
 
     kp: tuple[float, ...]
@@ -40,6 +42,7 @@ class PIDConfig:
 
     def __post_init__(self) -> None:
         """Turn sequences (JSON reads lists) into tuples and check every field."""
+        self._check_types()
         for name in ("kp", "ki", "kd"):
             object.__setattr__(self, name, tuple(float(gain) for gain in getattr(self, name)))
         joints = len(self.kp)
@@ -53,6 +56,16 @@ class PIDConfig:
         checks["dt"] = (0 < self.dt < math.inf, "> 0 and finite [s]")
         checks["integral_limit"] = (self.integral_limit > 0, "> 0 [rad s]")
         checks["torque_limit"] = (self.torque_limit > 0, "> 0 [N m]")
+        check_fields(self, checks)
+
+    def _check_types(self) -> None:
+        checks = {}
+        for name in ("kp", "ki", "kd"):
+            gains = getattr(self, name)
+            numbers = isinstance(gains, tuple | list) and all(isinstance(g, Real) for g in gains)
+            checks[name] = (numbers, "to be a tuple of floats")
+        for name in ("dt", "integral_limit", "torque_limit"):
+            checks[name] = (isinstance(getattr(self, name), Real), "to be a float")
         check_fields(self, checks)
 
 
@@ -141,8 +154,10 @@ class PIDController(nn.Module):
         Raises:
             ValueError: As `forward`, and when the number of rows changes without a `reset`.
         """
-        rows, joints = len(angles), len(self.kp)
-        integral = self.integral if len(self.integral) else self.kp.new_zeros(rows, joints)
+        integral = self.integral
+        if len(integral) == 0:
+            check_rows("angles", angles, columns=len(self.kp), like=self.kp)
+            integral = torch.zeros_like(angles)
         torque, integral = self(angles, velocities, targets, integral, target_velocities)
         self.integral = integral.detach()
         return torque

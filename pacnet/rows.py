@@ -110,10 +110,12 @@ def _make_room_for_loaded_rows(
 ) -> None:
     """Resizes every column to the loaded one, for `load_state_dict` refuses any other shape."""
     assert isinstance(rows, GrowableRows)
-    loaded = {
-        name: state_dict[prefix + name] for name in rows.columns if prefix + name in state_dict
-    }
-    counts = {name: len(tensor) for name, tensor in loaded.items() if tensor.dim() > 0}
+    names = [name for name in rows.columns if prefix + name in state_dict]
+    shapes = {name: tuple(state_dict[prefix + name].shape) for name in names}
+    fits = {name: shapes[name][1:] == rows.columns[name].shape for name in names}
+    if len(names) < len(rows.columns) or not all(len(shapes[n]) and fits[n] for n in names):
+        return  # `load_state_dict` names what is missing or misshapen; the rows stay as they are
+    counts = {name: shape[0] for name, shape in shapes.items()}
     if len(set(counts.values())) > 1:
         raise ValueError(f"expected columns of equal length under '{prefix}', got {counts}")
     for name, count in counts.items():

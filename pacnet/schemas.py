@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from pacnet.rows import Column, GrowableRows
-from pacnet.validation import check_fields
+from pacnet.validation import check_fields, check_rows, is_integer
 
 NO_EPISODE = -1
 """The episode of a schema that was never written."""
@@ -40,8 +40,8 @@ class MotorSchemasConfig:
         check_fields(
             self,
             {
-                "target_dimensions": (self.target_dimensions >= 1, "≥ 1"),
-                "percept_dimensions": (self.percept_dimensions >= 1, "≥ 1"),
+                "target_dimensions": (is_integer(self.target_dimensions, 1), "≥ 1"),
+                "percept_dimensions": (is_integer(self.percept_dimensions, 1), "≥ 1"),
                 "recall_by": (self.recall_by in ("cue", "order"), "'cue' or 'order'"),
             },
         )
@@ -80,6 +80,7 @@ class MotorSchemas(nn.Module):
             {"start": number, "length": number, "room": number, "episode": number}
         )
         self.register_state_dict_pre_hook(_close_gaps)
+        self.register_load_state_dict_post_hook(_start_recall_afresh)
         self.reset()
 
     def __len__(self) -> int:
@@ -127,7 +128,14 @@ class MotorSchemas(nn.Module):
             cue: the percept, scaled, `[D]`.
             episode: number of the learning episode.
             habituated: whether the winner is fully habituated.
+
+        Raises:
+            ValueError: no such node, or a target or cue of the wrong shape, dtype or device, or
+                not finite; nothing has been written then.
         """
+        self._check_node(node)
+        check_rows("targets", target[None], self.config.target_dimensions, self.pool.live("target"))
+        check_rows("cues", cue[None], self.config.percept_dimensions, self.pool.live("cue"))
         # Rule 1: not fully habituated, still settling. The schema is left as it is.
         if not (habituated and self.training):
             return
@@ -153,7 +161,11 @@ class MotorSchemas(nn.Module):
 
         Returns:
             The target, or None if the node has none.
+
+        Raises:
+            ValueError: no such node.
         """
+        self._check_node(node)
         targets = self.targets(node)
         if len(targets) == 0:
             return None
@@ -163,6 +175,10 @@ class MotorSchemas(nn.Module):
             position = min(self._positions.get(node, -1) + 1, len(targets) - 1)
         self._positions[node] = position
         return RecalledTarget(targets[position].clone(), position)
+
+    def _check_node(self, node: int) -> None:
+        if not 0 <= node < len(self):
+            raise ValueError(f"expected a node from 0 to {len(self) - 1}, got {node}")
 
     def _sequence(self, column: str, node: int) -> Tensor:
         start, length = int(self.blocks.live("start")[node]), int(self.lengths[node])
@@ -201,3 +217,9 @@ def _close_gaps(schemas: nn.Module, *_: object) -> None:
     schemas.pool.keep(torch.arange(len(shift), device=shift.device) + shift)
     blocks.live("start").copy_(starts)
     blocks.live("room").copy_(lengths)
+
+
+def _start_recall_afresh(schemas: nn.Module, _incompatible_keys: object) -> None:
+    """Positions in the sequences that were here before mean nothing in the loaded ones."""
+    assert isinstance(schemas, MotorSchemas)
+    schemas.reset()

@@ -18,6 +18,7 @@ from pacnet.validation import check_rows
 NOBODY = -1
 """Stands for «no node»: the winner of an empty map, the runner-up of a map of one node."""
 
+_LARGEST = 1e17  # of a scaled percept: its squares still add up in float32
 _SEARCH_ELEMENTS = 2**24  # differences held at once while searching: 64 MB
 
 
@@ -151,9 +152,14 @@ class HabituatingSOFM(nn.Module):
         """Checks percepts `[B, D]` and brings them to the map's own units.
 
         Raises:
-            ValueError: percepts of the wrong shape, dtype or device, empty, or not finite.
+            ValueError: percepts of the wrong shape, dtype or device, empty, not finite, or so
+                large when scaled that their distances would not be.
         """
-        return check_rows("percepts", percepts, self.config.dimensions, self.scale) * self.scale
+        scaled = check_rows("percepts", percepts, self.config.dimensions, self.scale) * self.scale
+        largest = float(scaled.detach().abs().max())
+        if largest > _LARGEST:
+            raise ValueError(f"expected scaled percepts within ±{_LARGEST:g}, got {largest:g}")
+        return scaled
 
     def attend(self, percept: Tensor) -> Response:
         """The three cases of the paper, for one checked and scaled percept `[D]`.
@@ -318,7 +324,6 @@ def _two_nearest(percepts: Tensor, prototypes: Tensor) -> tuple[Tensor, Tensor]:
     """Numbers of the nearest and the second nearest prototype, int64 `[B]` each."""
     # Squares summed directly: |x|² − 2xw + |w|² would lose the digits that decide ties.
     distance = (percepts[:, None] - prototypes).square().sum(dim=2)  # [B, N], squared
-    distance.clamp_(max=torch.finfo(distance.dtype).max)  # infinity marks the one already taken
     nearest = distance.argmin(dim=1)  # of exactly equal ones the lowest number
     distance.scatter_(1, nearest[:, None], torch.inf)
     return nearest, distance.argmin(dim=1)

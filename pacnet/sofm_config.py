@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from pacnet.validation import check_fields
+from pacnet.validation import check_fields, is_integer, is_number
 
 
 @dataclass(frozen=True)
@@ -103,31 +103,54 @@ class SOFMConfig:
 
     def __post_init__(self) -> None:
         """Refuses values that have no meaning."""
-        if self.scale is not None:
-            object.__setattr__(self, "scale", tuple(float(factor) for factor in self.scale))
+        if isinstance(self.scale, list):  # as JSON gives it
+            object.__setattr__(self, "scale", tuple(self.scale))
+        check_fields(self, {"dimensions": (is_integer(self.dimensions, 1), "≥ 1")})
+        check_fields(self, {"alpha": (is_number(self.alpha) and self.alpha > 0, "> 0")})
         check_fields(self, self._checks())
 
     def _checks(self) -> dict[str, tuple[bool, str]]:
-        scale = (1.0,) * self.dimensions if self.scale is None else self.scale
-        interval = self.forgetting_interval
-        floor = 1.0 - 1.0 / self.alpha if self.alpha > 0 else math.inf
+        interval, floor = self.forgetting_interval, max(self.floor_habituation, 0.0)
+        switches = ("insert_only_when_habituated", "ignore_when_habituated")
         return {
-            "dimensions": (self.dimensions >= 1, "≥ 1"),
-            "scale": (
-                len(scale) == self.dimensions and all(0 < s < math.inf for s in scale),
-                f"to be {self.dimensions} positive finite factors",
-            ),
-            "novelty_threshold": (0 < self.novelty_threshold < 1, "in (0, 1)"),
+            "scale": (self._scale_is_valid(), f"to be {self.dimensions} positive finite factors"),
+            "novelty_threshold": (_within(self.novelty_threshold, 0, 1), "in (0, 1)"),
             "insert_at": (self.insert_at in ("percept", "midpoint"), "'percept' or 'midpoint'"),
-            "winner_rate": (0 < self.winner_rate <= 1, "in (0, 1]"),
-            "neighbour_rate": (0 <= self.neighbour_rate <= 1, "in [0, 1]"),
-            "alpha": (0 < self.alpha < math.inf, "> 0"),
-            "habituated_below": (
-                max(floor, 0.0) < self.habituated_below < 1,
-                f"in ({max(floor, 0.0):.3f}, 1), above the floor 1 − 1/alpha",
+            "winner_rate": (
+                _within(self.winner_rate, 0, 1) or self.winner_rate == 1,
+                "in (0, 1]",
             ),
-            "winner_tau": (0 < self.winner_tau < math.inf, "> 0 firings"),
-            "neighbour_tau": (0 < self.neighbour_tau < math.inf, "> 0 firings"),
-            "forgetting_interval": (interval is None or interval >= 1, "≥ 1 samples or None"),
-            "max_edge_age": (self.max_edge_age >= 1, "≥ 1"),
+            "neighbour_rate": (
+                _within(self.neighbour_rate, 0, 1) or self.neighbour_rate in (0, 1),
+                "in [0, 1]",
+            ),
+            "habituated_below": (
+                _within(self.habituated_below, floor, 1),
+                f"in ({floor:.3f}, 1), above the floor 1 − 1/alpha",
+            ),
+            "winner_tau": (_within(self.winner_tau, 0, math.inf), "> 0 firings"),
+            "neighbour_tau": (_within(self.neighbour_tau, 0, math.inf), "> 0 firings"),
+            "forgetting_interval": (
+                interval is None or is_integer(interval, 1),
+                "to be an integer ≥ 1 samples or None",
+            ),
+            "max_edge_age": (is_integer(self.max_edge_age, 1), "to be an integer ≥ 1"),
+            **{
+                name: (isinstance(getattr(self, name), bool), "to be true or false")
+                for name in (*switches, "habituation_scales_learning")
+            },
         }
+
+    def _scale_is_valid(self) -> bool:
+        if self.scale is None:
+            return True
+        return (
+            isinstance(self.scale, tuple)
+            and len(self.scale) == self.dimensions
+            and all(_within(factor, 0, math.inf) for factor in self.scale)
+        )
+
+
+def _within(value: object, low: float, high: float) -> bool:
+    """Whether a field holds a finite number between both, without them."""
+    return is_number(value) and low < value < high  # pyright: ignore[reportOperatorIssue]

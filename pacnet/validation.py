@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -47,3 +49,15 @@ def check_fields(config: object, checks: dict[str, tuple[bool, str]]) -> None:
         if not valid:
             kind = type(config).__name__
             raise ValueError(f"expected {kind}.{field} {wanted}, got {getattr(config, field)!r}")
+
+
+def is_integer(value: object, lowest: int) -> bool:
+    """Whether a field holds an integer ≥ `lowest`."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= lowest
+
+
+def is_number(value: object) -> bool:
+    """Whether a field holds a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return math.isfinite(value)

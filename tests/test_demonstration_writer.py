@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +51,14 @@ def assert_holds(root: Path, *episodes: Mapping[str, NDArray[np.float32]]) -> No
             demonstration.environment_state, frames["observation.environment_state"]
         )
         np.testing.assert_array_equal(demonstration.action, frames["action"])
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """SIGINT raises KeyboardInterrupt, which a background job would hand down ignored."""
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, previous)
 
 
 @pytest.mark.parametrize("fps", [0, -1, 2.5, True, "10"])
@@ -180,6 +188,15 @@ def test_recording_is_silent(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
 
 
 @pytest.mark.slow
+def test_progress_bars_are_on_again_after_recording(tmp_path: Path):
+    import datasets
+
+    record(tmp_path / "new", episode(0))
+
+    assert datasets.are_progress_bars_disabled() is False
+
+
+@pytest.mark.slow
 def test_a_folder_that_exists_is_left_alone(tmp_path: Path):
     (tmp_path / "mine").write_text("precious")
 
@@ -226,6 +243,52 @@ def test_without_an_episode_nothing_is_left(tmp_path: Path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_while_opening_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    create, made = LeRobotDataset.create, []
+
+    def create_and_interrupt(**arguments: object) -> LeRobotDataset:
+        dataset = create(**arguments)
+        made.append((tmp_path / "new").exists())
+        signal.raise_signal(signal.SIGINT)
+        return dataset
+
+    monkeypatch.setattr(LeRobotDataset, "create", create_and_interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        record(tmp_path / "new", episode(0))
+
+    assert made == [True]
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("interruptible")
+def test_an_interrupt_while_closing_waits_until_the_files_are_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    finalize = LeRobotDataset.finalize
+    kept = []  # else LeRobot's destructor would close the files as well
+
+    def interrupt_and_finalize(dataset: LeRobotDataset) -> None:
+        if not kept:
+            kept.append(dataset)
+            signal.raise_signal(signal.SIGINT)
+        finalize(dataset)
+
+    monkeypatch.setattr(LeRobotDataset, "finalize", interrupt_and_finalize)
+    with pytest.raises(KeyboardInterrupt):
+        record(tmp_path / "new", episode(0), episode(1))
+
+    assert len(kept) == 1
+    assert_holds(tmp_path / "new", episode(0), episode(1))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_while_saving_waits_until_the_episode_is_written(tmp_path: Path):
     long = episode(1, length=3000)
     interrupted = []
@@ -234,8 +297,6 @@ def test_an_interrupt_while_saving_waits_until_the_episode_is_written(tmp_path: 
         interrupted.append(True)
         signal.raise_signal(signal.SIGINT)
 
-    # A background job hands down an ignored SIGINT.
-    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
     previous_alarm = signal.signal(signal.SIGALRM, interrupt)
     try:
         with DemonstrationWriter(tmp_path / "new", fps=10, features=FEATURES) as writer:
@@ -248,7 +309,6 @@ def test_an_interrupt_while_saving_waits_until_the_episode_is_written(tmp_path: 
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, previous_alarm)
-        signal.signal(signal.SIGINT, previous)
 
     assert_holds(tmp_path / "new", episode(0), long, episode(2))
 

@@ -1,6 +1,7 @@
 """Claims about reading demonstrations, on datasets laid out by hand after the format."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -365,7 +366,7 @@ def test_a_fraction_of_a_frame_per_second_stays(root):
 @pytest.mark.parametrize("fps", [0, -1])
 def test_fps_above_zero(root, fps):
     write_info(root, fps=fps)
-    with pytest.raises(DatasetError, match=f"fps above 0, found {fps}"):
+    with pytest.raises(DatasetError, match=f"fps above 0 and finite, found {fps}"):
         load_demonstrations(root)
 
 
@@ -378,3 +379,71 @@ def test_vectors_of_length_one_may_be_lists(root):
     np.testing.assert_array_equal(
         load_demonstrations(root).episodes[0].action, frames["action"][:4]
     )
+
+
+WANTED = r"expected 'action' to be a vector of numbers of shape \[D > 0\], found "
+NONSENSE = {  # (what info.json says of the action, columns in place of the sound ones, message)
+    "no description": (None, {}, WANTED + "the description None"),
+    "a list": ([1], {}, WANTED + r"the description \[1\]"),
+    "length in words": ({"dtype": "float32", "shape": ["2"]}, {}, WANTED + r".*shape \['2'\]"),
+    "length true": ({"dtype": "float32", "shape": [True]}, {}, WANTED + r".*shape \[True\]"),
+    "length 2.0": ({"dtype": "float32", "shape": [2.0]}, {}, WANTED + r".*shape \[2\.0\]"),
+    "length 0": ({"dtype": "float32", "shape": [0]}, {}, WANTED + r".*shape \[0\]"),
+    "length -1": ({"dtype": "float32", "shape": [-1]}, {}, WANTED + r".*shape \[-1\]"),
+    "words": (
+        {"dtype": "float32", "shape": [2]},
+        {"action": ["word"] * 8},
+        "expected numbers in 'action', found string in place of lists of 2",
+    ),
+    "scalars": (
+        {"dtype": "float32", "shape": [2]},
+        {"action": [0.5] * 8},
+        "expected numbers in 'action', found double in place of lists of 2",
+    ),
+    "records": (
+        {"dtype": "float32", "shape": [1]},
+        {"action": [{"x": 0.5}] * 8},
+        "expected numbers in 'action', found struct<x: double> in place of lists of 1",
+    ),
+    "episodes backwards": (
+        {"dtype": "float32", "shape": [1]},
+        {"episode_index": [1, 1, 1, 1, 0, 2, 2, 2]},
+        "expected ascending episodes, found 0 after 1",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", NONSENSE)
+def test_nonsense_is_a_dataset_error(root: Path, case: str):
+    description, changed, message = NONSENSE[case]
+    features = json.loads((root / "meta/info.json").read_text())["features"]
+    write_info(root, features=features | {"action": description})
+    file = root / "data/chunk-000/file-000.parquet"
+    table = pq.read_table(file)
+    for name, values in changed.items():
+        table = table.set_column(table.column_names.index(name), name, pa.array(values))
+    pq.write_table(table, file)
+
+    with pytest.raises(DatasetError, match=message):
+        load_demonstrations(root)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"), [([[0], [1]], ["a", "b"]), ([None, 1], ["a", "b"]), ([0, 1], [5, 6])]
+)
+def test_tasks_that_are_not_words(root: Path, numbers: list[object], words: list[object]):
+    table = pa.table({"task_index": pa.array(numbers), "task": pa.array(words)})
+    pq.write_table(table, root / "meta/tasks.parquet")
+
+    message = f"expected tasks as number, words, found {numbers[0]!r}, {words[0]!r}"
+    with pytest.raises(DatasetError, match=re.escape(message)):
+        load_demonstrations(root)
+
+
+@pytest.mark.parametrize("entry", ["fps", "total_frames", "total_episodes"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, True, "8"])
+def test_counts_are_finite_numbers(root: Path, entry: str, value: object):
+    write_info(root, **{entry: value})
+
+    with pytest.raises(DatasetError, match=f"{entry} above 0 and finite, found {value!r}"):
+        load_demonstrations(root)

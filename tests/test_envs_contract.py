@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import envs  # noqa: F401  registers the environments
@@ -112,6 +113,16 @@ def test_bad_action_is_refused_before_anything_moves(env, spoil):
     with pytest.raises(ValueError, match="action must"):
         env.unwrapped.step(bad)
     assert same(env.step(action), undisturbed)
+
+
+@pytest.mark.parametrize("use", ["step", "step_to", "render"])
+@pytest.mark.parametrize("env_id", ENV_IDS)
+def test_reset_comes_first(env_id, use):
+    env = gymnasium.make(env_id, render_mode="rgb_array").unwrapped
+    arguments = () if use == "render" else (np.zeros(env.action_space.shape, np.float32),)
+    with pytest.raises(ResetNeeded, match="never reset"):
+        getattr(env, use)(*arguments)
+    env.close()
 
 
 def test_render_gives_pictures_of_the_advertised_size(env):

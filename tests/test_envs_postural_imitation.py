@@ -6,7 +6,8 @@ import pytest
 
 import envs  # noqa: F401  registers the environment
 from envs.demonstrator import PHASES
-from envs.postural_imitation import GLASS_NAMES, JOINTS, STATE_NAMES, percept
+from envs.humanoid import JOINTS
+from envs.postural_imitation import GLASS_NAMES, STATE_NAMES, percept
 
 ENV_ID = "pacnet/PosturalImitation-v0"
 RIGHT_SHOULDER_RZ = JOINTS.index("right_shoulder_rz")

@@ -18,6 +18,7 @@ DRAW_IN_A_NEW_PROCESS = f"""
 import gymnasium, sys, envs
 env = gymnasium.make("{ENV_ID}", render_mode="rgb_array", width=320, height=180)
 env.reset(seed=0)
+env.step(env.action_space.sample())
 picture = env.render()
 assert picture.shape == (180, 320, 3) and picture.dtype == "uint8", picture.shape
 assert picture.std() > 20
@@ -51,6 +52,17 @@ def test_without_gl_pillow_draws():
 
 def test_without_a_display_the_process_lives():
     assert draw_elsewhere(MUJOCO_GL="glfw") in ("drawn by OpenGL", "drawn by Pillow")
+
+
+@pytest.mark.parametrize(
+    "variables",
+    [{}, {"MUJOCO_GL": "egl"}, {"DISPLAY": ":77"}],
+    ids=["none wanted", "EGL wanted", "a display that does not answer"],
+)
+def test_a_library_without_a_device_is_not_chosen(variables):
+    """As in a container with libEGL and no driver; the second variable rules OSMesa out."""
+    broken = {"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent", "PYOPENGL_PLATFORM": "egl"}
+    assert draw_elsewhere(**broken, **variables) == "drawn by Pillow"
 
 
 def test_when_the_context_fails_pillow_takes_over(env, monkeypatch):
@@ -102,24 +114,26 @@ def test_the_drawing_has_the_cameras_geometry(env):
 
 
 @pytest.mark.parametrize(
-    ("found", "variables", "expected"),
+    ("working", "variables", "expected"),
     [
-        ({"EGL", "OSMesa"}, {}, "egl"),
-        ({"OSMesa"}, {}, "osmesa"),
+        ({"egl", "osmesa"}, {}, "egl"),
+        ({"osmesa"}, {}, "osmesa"),
         (set(), {}, "disable"),
-        ({"EGL", "OSMesa"}, {"MUJOCO_GL": "osmesa"}, "osmesa"),
-        ({"EGL"}, {"MUJOCO_GL": "osmesa"}, "egl"),
-        ({"EGL"}, {"MUJOCO_GL": "disable"}, "disable"),
+        ({"egl", "osmesa"}, {"MUJOCO_GL": "osmesa"}, "osmesa"),
+        ({"egl"}, {"MUJOCO_GL": "osmesa"}, "egl"),
+        ({"egl"}, {"MUJOCO_GL": "disable"}, "disable"),
         (set(), {"MUJOCO_GL": "egl"}, "disable"),
-        ({"EGL"}, {"MUJOCO_GL": "glfw"}, "egl"),
-        ({"EGL"}, {"DISPLAY": ":0"}, "egl"),
-        (set(), {"DISPLAY": ":0"}, "glfw"),
-        ({"EGL"}, {"DISPLAY": ":0", "MUJOCO_GL": "glfw"}, "glfw"),
+        ({"egl", "glfw"}, {"MUJOCO_GL": "glfw"}, "egl"),
+        ({"egl"}, {"DISPLAY": ":0"}, "egl"),
+        ({"glfw"}, {"DISPLAY": ":0"}, "glfw"),
+        ({"glfw"}, {}, "disable"),
+        (set(), {"DISPLAY": ":0"}, "disable"),
+        ({"egl", "glfw"}, {"DISPLAY": ":0", "MUJOCO_GL": "glfw"}, "glfw"),
     ],
 )
-def test_choice_of_backend(monkeypatch, found, variables, expected):
+def test_choice_of_backend(monkeypatch, working, variables, expected):
     monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(gl, "find_library", lambda name: name if name in found else None)
+    monkeypatch.setattr(gl, "_makes_context", working.__contains__)
     for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     for name, value in variables.items():

@@ -1,9 +1,10 @@
 """The whole network: what it learns by watching, what it commands, and what it refuses."""
 
 import copy
-import dataclasses
 import math
+import signal
 
+import numpy as np
 import pytest
 import torch
 
@@ -197,10 +198,18 @@ def test_parts_that_do_not_fit_are_refused():
         PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, percept_dimensions=3))
 
 
-def test_presets_take_any_field():
-    assert SOFMConfig.paper(2) == dataclasses.replace(
-        SOFMConfig.paper(2, winner_rate=0.3), winner_rate=0.1
-    )
+@pytest.mark.parametrize("preset", ["paper", "gwr"])
+def test_presets_take_any_field(preset: str):
+    config = getattr(SOFMConfig, preset)(2, winner_rate=0.3, insert_at="percept")
+    assert (config.winner_rate, config.insert_at) == (0.3, "percept")
+
+
+def test_an_episode_may_be_a_numpy_integer_and_must_fit_int64():
+    network = make_network()
+    network.observe(*make_circle(), episode=np.int64(3))
+    assert network.episode.item() == 3
+    with pytest.raises(ValueError, match=r"episode ≤ 9223372036854775807"):
+        network.observe(*make_circle(), episode=2**63)
 
 
 def test_reset_starts_every_sequence_again():
@@ -245,3 +254,24 @@ def test_at_the_sample_that_deletes_a_node_the_winner_still_keeps_its_target():
     record = network.observe(seen, torch.arange(17.0)[:, None], episode=0)
     assert record.deleted.nonzero().flatten().tolist() == [15]  # node 0: the winner was 1, is 0
     assert network.schemas.targets(0).flatten().tolist() == [12, 14, 15, 16]
+
+
+def test_ctrl_c_within_a_sample_waits_until_the_sample_is_learned(monkeypatch, tmp_path):
+    network = make_network()
+    add_node = network.schemas.add_node
+
+    def interrupted_add_node() -> int:
+        if len(network.sofm) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return add_node()
+
+    monkeypatch.setattr(network.schemas, "add_node", interrupted_add_node)
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            network.observe(*make_circle(), episode=0)
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    assert len(network.sofm) == len(network.schemas) == 3
+    network.save_pretrained(tmp_path)
+    assert len(PACNet.from_pretrained(tmp_path).sofm) == 3

@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import re
 from dataclasses import asdict
 
 import pytest
@@ -229,6 +230,21 @@ def test_a_refused_step_changes_nothing():
     assert torch.equal(pid.integral, before)
 
 
+@pytest.mark.parametrize("angles", [0.5, None, [[0.0], [0.0]], torch.tensor(0.5).double()])
+@pytest.mark.parametrize("steps", [0, 1])
+def test_step_refuses_what_forward_refuses(angles, steps):
+    pid = controller(ki=60.0)
+    sound, velocities, targets, integral, _ = random_batch(2, 1, dtype=torch.float64)
+    for _ in range(steps):
+        pid.step(sound, velocities, targets)
+    before = pid.integral.clone()
+    with pytest.raises(ValueError, match="expected angles as") as refused:
+        pid(angles, velocities, targets, integral)
+    with pytest.raises(ValueError, match=f"^{re.escape(str(refused.value))}$"):
+        pid.step(angles, velocities, targets)
+    assert torch.equal(pid.integral, before)
+
+
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
@@ -238,6 +254,14 @@ def test_a_refused_step_changes_nothing():
         ("dt", 0.0, "PIDConfig.dt > 0"),
         ("integral_limit", 0.0, "PIDConfig.integral_limit > 0"),
         ("torque_limit", math.nan, "PIDConfig.torque_limit > 0"),
+        ("kp", "12", "PIDConfig.kp to be a tuple of floats, got '12'"),
+        ("kp", None, "PIDConfig.kp to be a tuple of floats, got None"),
+        ("ki", 2.0, "PIDConfig.ki to be a tuple of floats, got 2.0"),
+        ("kd", ("1",), r"PIDConfig.kd to be a tuple of floats, got \('1',\)"),
+        ("kd", (None,), r"PIDConfig.kd to be a tuple of floats, got \(None,\)"),
+        ("dt", "0.01", "PIDConfig.dt to be a float, got '0.01'"),
+        ("integral_limit", None, "PIDConfig.integral_limit to be a float, got None"),
+        ("torque_limit", (1.0,), r"PIDConfig.torque_limit to be a float, got \(1.0,\)"),
     ],
 )
 def test_bad_config_is_refused(field, value, message):

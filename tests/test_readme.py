@@ -51,3 +51,20 @@ def test_its_table_holds_the_shipped_scores():
     table = README.split("| 100 recall episodes |")[1].split("\n\n")[0]
     measured = [row.rsplit("|", 2)[1].strip() for row in table.splitlines()[2:]]
     assert measured == list(shown.values())
+
+
+def test_its_table_of_conditions_holds_the_shipped_scores():
+    shipped = PROJECT / "checkpoints/postural_imitation/robustness.json"
+    conditions = json.loads(shipped.read_text())["conditions"]
+    table = README.split("| | success | wrist distance, mean | largest | commanded |")[1]
+    rows = [row.strip("| ").split(" | ") for row in table.split("\n\n")[0].splitlines()[2:]]
+    assert rows == [
+        [
+            name.replace(" x ", " × "),
+            f"{scores['task_success_rate']:.2f}",
+            f"{100 * scores['wrist_distance_mean_m']:.1f} cm",
+            f"{100 * scores['wrist_distance_max_m']:.1f} cm",
+            f"{100 * scores['commanded_share']:.1f} %",
+        ]
+        for name, scores in conditions.items()
+    ]

@@ -346,12 +346,12 @@ def test_a_percept_exactly_at_the_threshold_is_no_novelty():
     assert sofm(percepts((1, 0), (1.001, 0))).novelty.tolist() == [False, True]
 
 
-def test_two_far_away_percepts_still_have_two_winners():
-    sofm = make_map(1)
-    sofm.observe(percepts((1e30,), (0,), (1e30,)))  # squares pass what float32 holds
-    reading = sofm(percepts((1e30,)))
-    assert (reading.winner.item(), reading.runner_up.item()) == (0, 1)
-    assert sofm.edges.live("ends").tolist() == [[0, 1]]
+def test_percepts_whose_distances_would_overflow_are_refused():
+    sofm = make_map(1, scale=(10.0,))
+    sofm.observe(percepts((1e16,), (0.0,)))
+    with pytest.raises(ValueError, match=r"within ±1e\+17, got 1e\+18"):
+        sofm.observe(percepts((0.0,), (1e17,)))
+    assert (len(sofm), sofm.time.item()) == (2, 2)
 
 
 def test_gwr_never_forgets_by_default():

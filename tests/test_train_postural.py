@@ -127,7 +127,12 @@ def test_the_shipped_checkpoint_says_how_it_was_made():
     scores = json.loads((SHIPPED / "metrics.json").read_text())
     assert scores["command"].startswith("python -m train.postural_imitation --seed")
     assert scores["nodes"] == len(PACNet.from_pretrained(SHIPPED).sofm)
+    assert scores["recall_episodes"] == 100
     assert scores["task_success_rate"] >= 0.95
+    assert scores["wrist_distance_mean_m"] <= 0.02
+    assert scores["wrist_distance_max_m"] <= 0.06
+    assert 9 <= scores["nodes"] <= 20
+    assert scores["winner_order_agreement"] >= 0.95
 
 
 def test_a_missing_checkpoint_is_one_line_and_an_exit_code(tmp_path: Path):

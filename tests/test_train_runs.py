@@ -5,6 +5,7 @@ import json
 
 import pytest
 
+from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from train.runs import (
     command_line,
     factor,
@@ -51,6 +52,7 @@ def test_metrics_carry_command_seed_and_versions(tmp_path):
         (natural, "1.5"),
         (positive, "0"),
         (factor, "0"),
+        (factor, "50"),
         (factor, "nan"),
         (factor, "inf"),
         (threshold, "1"),
@@ -64,4 +66,17 @@ def test_an_argument_out_of_range_is_named(kind, text):
 
 def test_a_checkpoint_that_is_not_there_ends_the_script_with_one_line(tmp_path):
     with pytest.raises(SystemExit, match=r"^error: expected a checkpoint folder[^\n]*$"):
-        load_or_exit(tmp_path / "nowhere")
+        load_or_exit(tmp_path / "nowhere", 2, 1)
+
+
+def test_a_checkpoint_of_other_dimensions_ends_the_script_with_one_line(tmp_path):
+    PACNet(PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2))).save_pretrained(tmp_path)
+    assert load_or_exit(tmp_path, 2, 1).config.attention.dimensions == 2
+    with pytest.raises(SystemExit, match=r"^error: expected .* 28 percept and 11 .*got 2 and 1"):
+        load_or_exit(tmp_path, 28, 11)
+
+
+def test_a_file_in_the_place_of_the_runs_ends_the_script_with_one_line(tmp_path):
+    (tmp_path / "runs").write_text("")
+    with pytest.raises(SystemExit, match=r"^error: expected a folder for runs[^\n]*$"):
+        make_run_folder("drink", seed=3, runs=tmp_path / "runs")

@@ -20,10 +20,11 @@ from tqdm import tqdm
 
 import envs  # noqa: F401  # registers the environment
 from envs.humanoid import JOINTS
-from envs.postural_imitation import PosturalImitationEnv, percept
+from envs.postural_imitation import GLASS_NAMES, STATE_NAMES, PosturalImitationEnv, percept
 from pacnet import NOBODY, PACNet
 
 TASK = "drink a glass of beer"
+PERCEPTS, TARGETS = len(STATE_NAMES) + len(GLASS_NAMES), len(JOINTS)  # dimensions of each
 
 LEAD = 1  # [samples] a target lies ahead of its percept: what the imitator's joints lag behind
 SMOOTHING = 11  # [samples] of the quadratic smoother of perceived angles: noise becomes jerk

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from train.postural_episodes import Condition, recall_episodes, recall_seeds
+from train.postural_episodes import PERCEPTS, TARGETS, Condition, recall_episodes, recall_seeds
 from train.postural_report import film, print_table
 from train.postural_scores import score_episodes
 from train.runs import (
@@ -34,7 +34,7 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     """Load, recall, show."""
     arguments = parse_arguments()
-    network = load_or_exit(arguments.checkpoint)
+    network = load_or_exit(arguments.checkpoint, PERCEPTS, TARGETS)
     folder = make_run_folder("recall", arguments.seed, arguments.runs)
     try:
         run(arguments, len(network.sofm), folder)

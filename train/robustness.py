@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 
 from pacnet.figures import robustness
-from train.postural_episodes import Condition, recall_episodes, recall_seeds
+from train.postural_episodes import PERCEPTS, TARGETS, Condition, recall_episodes, recall_seeds
 from train.postural_scores import Scores, score_episodes
 from train.runs import (
     command_line,
@@ -46,7 +46,7 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     """Recall under each condition, then show."""
     arguments = parse_arguments()
-    load_or_exit(arguments.checkpoint)
+    load_or_exit(arguments.checkpoint, PERCEPTS, TARGETS)
     folder = make_run_folder("robustness", arguments.seed, arguments.runs)
     try:
         run(arguments, folder)

@@ -52,13 +52,13 @@ def positive(text: str) -> int:
 
 
 def factor(text: str) -> float:
-    """An argument that is a finite number > 0."""
-    return _number(text, math.inf, "a finite number > 0")
+    """An argument that is a number from 0.1 to 10."""
+    return _number(text, 0.1, 10.0, "a number from 0.1 to 10")
 
 
 def threshold(text: str) -> float:
     """An argument that is a number in (0, 1)."""
-    return _number(text, 1.0, "a number in (0, 1)")
+    return _number(text, math.ulp(0.0), 1 - 2**-53, "a number in (0, 1)")
 
 
 def make_run_folder(name: str, seed: int, runs: str | Path = "runs") -> Path:
@@ -76,8 +76,10 @@ def make_run_folder(name: str, seed: int, runs: str | Path = "runs") -> Path:
             folder.mkdir(parents=True)
         except FileExistsError:
             continue
+        except OSError as error:
+            raise SystemExit(f"error: expected a folder for runs, got {error}") from error
         return folder
-    raise FileExistsError(f"expected a free name like '{folder}', all are taken")
+    raise SystemExit(f"error: expected a free name like '{folder}', all are taken")
 
 
 def command_line(module: str, arguments: argparse.Namespace) -> str:
@@ -103,12 +105,26 @@ def save_figures(folder: Path, figures: Mapping[str, Figure]) -> None:
         figure.savefig(folder / f"{name}.png", dpi=150)
 
 
-def load_or_exit(checkpoint: str | Path) -> PACNet:
-    """Loads a checkpoint to recall from, or ends the script with one line that says why not."""
+def load_or_exit(checkpoint: str | Path, percepts: int, targets: int) -> PACNet:
+    """Loads a checkpoint to recall from, or ends the script with one line that says why not.
+
+    Args:
+        checkpoint: folder.
+        percepts: length of a percept that it must take.
+        targets: length of a target that it must give.
+    """
     try:
-        return PACNet.from_pretrained(checkpoint).eval()
+        network = PACNet.from_pretrained(checkpoint).eval()
     except (OSError, ValueError) as error:
         raise SystemExit(f"error: {error}") from error
+    config = network.config
+    got = (config.attention.dimensions, config.schemas.target_dimensions)
+    if got != (percepts, targets):
+        raise SystemExit(
+            f"error: expected a checkpoint of {percepts} percept and {targets} target dimensions, "
+            f"got {got[0]} and {got[1]} in '{checkpoint}'"
+        )
+    return network
 
 
 def stop_on_interrupt(folder: Path) -> None:
@@ -131,11 +147,11 @@ def _integer(text: str, lowest: int) -> int:
     return value
 
 
-def _number(text: str, below: float, wanted: str) -> float:
+def _number(text: str, lowest: float, highest: float, wanted: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0 < value < below:
+    if not lowest <= value <= highest:
         raise argparse.ArgumentTypeError(f"expected {wanted}, got '{text}'")
     return value
