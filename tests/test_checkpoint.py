@@ -183,6 +183,7 @@ for number, recall_by in enumerate(("cue", "order"), start=1):
     network.schemas.pool.extend(200_000)
     for name in ("target", "cue"):
         network.schemas.pool.live(name)[:] = float(number)
+    network.schemas.blocks.live("start")[0] = 0
     for name in ("length", "room"):
         network.schemas.blocks.live(name)[0] = len(network.schemas.pool)
     networks.append(network)
