@@ -111,7 +111,11 @@ class SOFMConfig:
 
     def _checks(self) -> dict[str, tuple[bool, str]]:
         interval, floor = self.forgetting_interval, max(self.floor_habituation, 0.0)
-        switches = ("insert_only_when_habituated", "ignore_when_habituated")
+        switches = (
+            "insert_only_when_habituated",
+            "ignore_when_habituated",
+            "habituation_scales_learning",
+        )
         return {
             "scale": (self._scale_is_valid(), f"to be {self.dimensions} positive finite factors"),
             "novelty_threshold": (_within(self.novelty_threshold, 0, 1), "in (0, 1)"),
@@ -137,7 +141,7 @@ class SOFMConfig:
             "max_edge_age": (is_integer(self.max_edge_age, 1), "to be an integer ≥ 1"),
             **{
                 name: (isinstance(getattr(self, name), bool), "to be true or false")
-                for name in (*switches, "habituation_scales_learning")
+                for name in switches
             },
         }
 

@@ -36,10 +36,9 @@ from train.postural_scores import score_episodes, score_order, winners_of
 from train.runs import (
     command_line,
     make_parser,
-    make_run_folder,
     positive,
+    run_folder,
     save_figures,
-    stop_on_interrupt,
     threshold,
     write_metrics,
 )
@@ -116,11 +115,8 @@ def learn(network: PACNet, demonstrations: Demonstrations, log: LearningLog | No
 def main() -> None:
     """Record, learn, recall, show."""
     arguments = parse_arguments()
-    folder = make_run_folder("postural_imitation", arguments.seed, arguments.runs)
-    try:
+    with run_folder("postural_imitation", arguments.seed, arguments.runs) as folder:
         run(arguments, folder)
-    except KeyboardInterrupt:
-        stop_on_interrupt(folder)
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:

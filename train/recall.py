@@ -16,8 +16,7 @@ from train.runs import (
     factor,
     load_or_exit,
     make_parser,
-    make_run_folder,
-    stop_on_interrupt,
+    run_folder,
     write_metrics,
 )
 
@@ -35,11 +34,8 @@ def main() -> None:
     """Load, recall, show."""
     arguments = parse_arguments()
     network = load_or_exit(arguments.checkpoint, PERCEPTS, TARGETS)
-    folder = make_run_folder("recall", arguments.seed, arguments.runs)
-    try:
+    with run_folder("recall", arguments.seed, arguments.runs) as folder:
         run(arguments, len(network.sofm), folder)
-    except KeyboardInterrupt:
-        stop_on_interrupt(folder)
 
 
 def run(arguments: argparse.Namespace, nodes: int, folder: Path) -> None:

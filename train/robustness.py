@@ -15,9 +15,8 @@ from train.runs import (
     command_line,
     load_or_exit,
     make_parser,
-    make_run_folder,
+    run_folder,
     save_figures,
-    stop_on_interrupt,
     write_metrics,
 )
 
@@ -47,11 +46,8 @@ def main() -> None:
     """Recall under each condition, then show."""
     arguments = parse_arguments()
     load_or_exit(arguments.checkpoint, PERCEPTS, TARGETS)
-    folder = make_run_folder("robustness", arguments.seed, arguments.runs)
-    try:
+    with run_folder("robustness", arguments.seed, arguments.runs) as folder:
         run(arguments, folder)
-    except KeyboardInterrupt:
-        stop_on_interrupt(folder)
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:

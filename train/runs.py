@@ -9,7 +9,8 @@ import json
 import math
 import platform
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,17 @@ def make_run_folder(name: str, seed: int, runs: str | Path = "runs") -> Path:
     raise SystemExit(f"error: expected a free name like '{folder}', all are taken")
 
 
+@contextmanager
+def run_folder(name: str, seed: int, runs: str | Path) -> Iterator[Path]:
+    """A run's new folder; a Ctrl-C in the block ends the script and says what it leaves behind."""
+    folder = make_run_folder(name, seed, runs)
+    try:
+        yield folder
+    except KeyboardInterrupt:
+        print(f"\nInterrupted. What was finished is in {folder}", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
 def command_line(module: str, arguments: argparse.Namespace) -> str:
     """The command that gives the same numbers again, with its defaults written out."""
     given = {name: value for name, value in vars(arguments).items() if name != "runs"}
@@ -125,12 +137,6 @@ def load_or_exit(checkpoint: str | Path, percepts: int, targets: int) -> PACNet:
             f"got {got[0]} and {got[1]} in '{checkpoint}'"
         )
     return network
-
-
-def stop_on_interrupt(folder: Path) -> None:
-    """Says what an interrupted run leaves behind, and exits as a shell expects."""
-    print(f"\nInterrupted. What was finished is in {folder}", file=sys.stderr)
-    raise SystemExit(130)
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):

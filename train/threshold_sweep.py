@@ -22,10 +22,9 @@ from train.postural_scores import score_episodes
 from train.runs import (
     command_line,
     make_parser,
-    make_run_folder,
     positive,
+    run_folder,
     save_figures,
-    stop_on_interrupt,
     write_metrics,
 )
 
@@ -46,11 +45,8 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     """Learn and recall with each threshold, then show."""
     arguments = parse_arguments()
-    folder = make_run_folder("threshold_sweep", arguments.seed, arguments.runs)
-    try:
+    with run_folder("threshold_sweep", arguments.seed, arguments.runs) as folder:
         run(arguments, folder)
-    except KeyboardInterrupt:
-        stop_on_interrupt(folder)
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
