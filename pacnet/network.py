@@ -14,6 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from pacnet.checkpoint import read_checkpoint, write_checkpoint
+from pacnet.forward_model import ForwardModel
 from pacnet.integrity import check_integrity
 from pacnet.interrupts import interrupts_held_back
 from pacnet.schemas import NO_EPISODE, MotorSchemas, MotorSchemasConfig
@@ -77,11 +78,32 @@ class Recall(NamedTuple):
     """Place of the target in the winner's sequence, int64 `[T]`; −1 where nothing is commanded."""
 
 
+class Action(NamedTuple):
+    """What the network would do on each percept. T percepts."""
+
+    action: Tensor
+    """`[T, U]`; a row of NaN where none is given and the caller's default behaviour acts."""
+    given: Tensor
+    """Whether there is an action, bool `[T]`."""
+    recall: Recall
+    """What was recalled. Where it is commanded and no action given, the forward model abstained."""
+
+    @property
+    def abstained(self) -> Tensor:
+        """Whether a target was recalled but the forward model could not reach for it, `[T]`."""
+        return self.recall.commanded & ~self.given
+
+
 class PACNet(nn.Module):
-    """Perception-action coupling: learns by watching (`observe`), acts on what it sees (`recall`).
+    """Perception-action coupling: learns by watching (`observe`), acts on what it sees.
+
+    `recall` gives the motor targets that go with a percept, `act` also turns them into actions.
 
     Args:
         config: see `PACNetConfig`.
+        forward_model: turns targets into actions: a `PIDController`, an `MLPForwardModel`, a
+            `TransitionMatrix`, or anything else that is a `ForwardModel`. It belongs to the body
+            and not to what was watched, so checkpoints of the network leave it out.
 
     Example:
         >>> config = PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, percept_dimensions=2))
@@ -95,9 +117,10 @@ class PACNet(nn.Module):
 
     episode: Tensor
 
-    def __init__(self, config: PACNetConfig) -> None:
+    def __init__(self, config: PACNetConfig, forward_model: ForwardModel | None = None) -> None:
         super().__init__()
         self.config = config
+        self.forward_model = forward_model
         self.sofm = HabituatingSOFM(config.attention)
         self.schemas = MotorSchemas(config.schemas)
         self.register_buffer("episode", torch.tensor(NO_EPISODE))  # the last one observed
@@ -177,9 +200,43 @@ class PACNet(nn.Module):
             attention.novelty, position,
         )  # fmt: skip
 
+    @torch.no_grad()
+    def act(self, percepts: Tensor, states: Tensor | None = None) -> Action:
+        """Recall phase with a forward model: the action that leads towards the recalled target.
+
+        No action is given where nothing is recalled and where the forward model abstains.
+
+        Args:
+            percepts: `[T, D]`, in order of time; goes on from the last call, as `recall` does.
+            states: `[T, S]`, the robot's state at each percept, from which the forward model
+                starts; the percepts themselves if left out.
+
+        Raises:
+            ValueError: no forward model; as `recall`; not one state for each percept; states that
+                the forward model refuses.
+        """
+        model = self.forward_model
+        if model is None:
+            raise ValueError("expected a forward model to act with, got PACNet(config) without one")
+        states = percepts if states is None else states
+        if len(states) != len(percepts):
+            raise ValueError(
+                f"expected one state for each of {len(percepts)} percepts, got {len(states)}"
+            )
+        recall = self.recall(percepts)
+        action = percepts.new_full((len(percepts), model.action_dimensions), torch.nan)
+        given = torch.zeros_like(recall.commanded)
+        # One sample after the other: a forward model may have a memory, as a PID has.
+        for sample in recall.commanded.nonzero().flatten().tolist():
+            here = slice(sample, sample + 1)
+            action[here], given[here] = model.command(states[here], recall.targets[here])
+        return Action(action, given, recall)
+
     def reset(self) -> None:
         """Starts a new recall episode; what was learned stays."""
         self.schemas.reset()
+        if self.forward_model is not None:
+            self.forward_model.reset()
 
     def save_pretrained(self, folder: str | Path) -> None:
         """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
@@ -192,11 +249,18 @@ class PACNet(nn.Module):
         """
         tensors = self.state_dict()  # which closes the gaps between the schemas' sequences
         check_integrity(self.sofm, self.schemas)
-        write_checkpoint(folder, asdict(self.config), tensors)
+        own = {name: t for name, t in tensors.items() if not name.startswith("forward_model.")}
+        write_checkpoint(folder, asdict(self.config), own)
 
     @classmethod
-    def from_pretrained(cls, folder: str | Path) -> PACNet:
+    def from_pretrained(
+        cls, folder: str | Path, forward_model: ForwardModel | None = None
+    ) -> PACNet:
         """Loads what `save_pretrained` wrote, on the CPU, ready to recall or to go on learning.
+
+        Args:
+            folder: of the checkpoint.
+            forward_model: to act with.
 
         Raises:
             FileNotFoundError: no checkpoint there.
@@ -222,6 +286,7 @@ class PACNet(nn.Module):
             check_integrity(network.sofm, network.schemas)
         except (RuntimeError, ValueError) as error:
             raise ValueError(f"expected the tensors of a PACNet in '{folder}': {error}") from error
+        network.forward_model = forward_model
         return network
 
     def _check_episode(self, episode: int) -> None:

@@ -12,6 +12,7 @@ from numbers import Real
 import torch
 from torch import Tensor, nn
 
+from pacnet.forward_model import Command
 from pacnet.validation import check_fields, check_rows
 
 
@@ -94,6 +95,11 @@ class PIDController(nn.Module):
             self.register_buffer(name, torch.tensor(getattr(config, name)))
         self.register_buffer("integral", torch.zeros(0, len(config.kp)), persistent=False)
 
+    @property
+    def action_dimensions(self) -> int:
+        """Number J of joints, a torque each."""
+        return len(self.config.kp)
+
     def forward(
         self,
         angles: Tensor,
@@ -161,6 +167,24 @@ class PIDController(nn.Module):
         torque, integral = self(angles, velocities, targets, integral, target_velocities)
         self.integral = integral.detach()
         return torque
+
+    def command(self, states: Tensor, targets: Tensor) -> Command:
+        """Compute one update as a `ForwardModel`: `step` with angles and velocities in one tensor.
+
+        Args:
+            states: Measured joint angles [rad], then velocities [rad/s] [B, 2 J].
+            targets: Wanted joint angles [B, J] [rad].
+
+        Returns:
+            The torque [B, J] [N m], given in every row.
+
+        Raises:
+            ValueError: As `step`.
+        """
+        joints = len(self.kp)
+        check_rows("states", states, columns=2 * joints, like=self.kp)
+        torque = self.step(states[:, :joints], states[:, joints:], targets)
+        return Command(torque, torch.ones(len(torque), dtype=torch.bool, device=torque.device))
 
     def reset(self) -> None:
         """Forget the integral: a new episode begins, with any number of rows."""

@@ -29,11 +29,15 @@ class MotorSchemasConfig:
         recall_by: how the position in the winner's sequence is found. `cue`: the target whose cue
             is nearest to the percept, so that a slower, faster or interrupted demonstration is
             followed at its own pace. `order`: one target further at each sample, as in the paper.
+        nearest_cues: by `cue`, over how many of the nearest cues the target is averaged. One
+            reproduces what was shown; more smooth away what differed by chance where similar
+            percepts went on differently.
     """
 
     target_dimensions: int
     percept_dimensions: int
     recall_by: Literal["cue", "order"] = "cue"
+    nearest_cues: int = 1
 
     def __post_init__(self) -> None:
         """Refuses values that have no meaning."""
@@ -43,6 +47,7 @@ class MotorSchemasConfig:
                 "target_dimensions": (is_integer(self.target_dimensions, 1), "≥ 1"),
                 "percept_dimensions": (is_integer(self.percept_dimensions, 1), "≥ 1"),
                 "recall_by": (self.recall_by in ("cue", "order"), "'cue' or 'order'"),
+                "nearest_cues": (is_integer(self.nearest_cues, 1), "≥ 1"),
             },
         )
 
@@ -51,7 +56,7 @@ class RecalledTarget(NamedTuple):
     """The current target of a motor schema."""
 
     target: Tensor  # [A]
-    position: int  # its place in the node's sequence
+    position: int  # its place in the node's sequence; of several, that of the nearest cue
 
 
 class MotorSchemas(nn.Module):
@@ -151,7 +156,8 @@ class MotorSchemas(nn.Module):
         """The current target of the winner, and its position in the sequence.
 
         With `recall_by="cue"` the position is that of the cue nearest to the percept, of exactly
-        equal ones the first. With `recall_by="order"` it starts at the first target and advances
+        equal ones the first, and the target the mean over the `nearest_cues` nearest, or over all
+        if there are fewer. With `recall_by="order"` it starts at the first target and advances
         by one while the node keeps winning; a node re-entered within the episode goes on where it
         was, and off the end the last target stays. `reset` starts a new episode.
 
@@ -170,11 +176,15 @@ class MotorSchemas(nn.Module):
         if len(targets) == 0:
             return None
         if self.config.recall_by == "cue":
-            position = int((self.cues(node) - percept).square().sum(dim=1).argmin())
-        else:
-            position = min(self._positions.get(node, -1) + 1, len(targets) - 1)
+            return self._recall_by_cue(node, percept, targets)
+        position = min(self._positions.get(node, -1) + 1, len(targets) - 1)
         self._positions[node] = position
         return RecalledTarget(targets[position].clone(), position)
+
+    def _recall_by_cue(self, node: int, percept: Tensor, targets: Tensor) -> RecalledTarget:
+        distance = (self.cues(node) - percept).square().sum(dim=1)  # [L], squared
+        nearest = distance.argsort(stable=True)[: self.config.nearest_cues]
+        return RecalledTarget(targets[nearest].mean(dim=0), int(nearest[0]))
 
     def _check_node(self, node: int) -> None:
         if not 0 <= node < len(self):

@@ -26,8 +26,11 @@ from pacnet import (
     PIDConfig,
     PIDController,
     SOFMConfig,
+    fitting,
 )
+from pacnet.mlp_forward_model import MLPForwardModel, MLPForwardModelConfig
 from pacnet.rows import Column, GrowableRows
+from pacnet.transition_matrix import TransitionMatrix, TransitionMatrixConfig
 
 Tensors = tuple[Tensor, ...]
 SAMPLES, DWELL = 32, 8
@@ -45,12 +48,17 @@ class Case:
         learn: changes what it has learned, from `draw`n percepts [T, 2] and targets [T, 3].
         use: what it answers to such a pair, without learning.
         checks_input: whether it stands at the boundary and refuses another dtype.
+        by_gradient: whether it has Parameters.
+        freezes: whether it learns step by step, and nothing in eval mode. A fit from a whole data
+            set is asked for by name, in either mode.
     """
 
     make: Callable[[], nn.Module]
     learn: Callable[..., Tensors]
     use: Callable[..., Tensors]
     checks_input: bool = True
+    by_gradient: bool = False
+    freezes: bool = True
 
 
 def draw(seed: int, dtype: torch.dtype = torch.float32) -> Tensors:
@@ -147,8 +155,43 @@ def use_controller(pid: PIDController, percepts: Tensor, targets: Tensor) -> Ten
     return pid(percepts, percepts, targets[:, :2], targets[:, 1:])
 
 
+def lesson(percepts: Tensor, targets: Tensor) -> Tensors:
+    """States [T, 2], actions [T, 1] and next states of a walk through the percepts, four times."""
+    walk = percepts.repeat(4, 1)
+    return walk[:-1], targets[:, :1].repeat(4, 1)[:-1], walk[1:]
+
+
+CANDIDATES = ((-1.0,), (0.0,), (1.0,))
+
+
+def make_mlp() -> MLPForwardModel:
+    return MLPForwardModel(MLPForwardModelConfig(2, 1, CANDIDATES, hidden=(8,)))
+
+
+def learn_mlp(model: MLPForwardModel, percepts: Tensor, targets: Tensor) -> Tensors:
+    report = model.fit(*lesson(percepts, targets), seed=3)
+    return report.validation_rows, report.r2
+
+
+def make_matrix() -> TransitionMatrix:
+    return TransitionMatrix(TransitionMatrixConfig(2, 1, CANDIDATES, clusters=4))
+
+
+def learn_matrix(model: TransitionMatrix, percepts: Tensor, targets: Tensor) -> Tensors:
+    return (torch.tensor(model.fit(*lesson(percepts, targets), seed=3).distortion).double(),)
+
+
+def use_forward_model(
+    model: MLPForwardModel | TransitionMatrix, percepts: Tensor, targets: Tensor
+) -> Tensors:
+    model.reset()
+    selection = model.select(percepts[0], percepts[-1], targets[:, :1])
+    predicted = model.predict(percepts, targets[:, :1]).detach()
+    return predicted, *model.command(percepts, percepts.flip(0)), selection.action, selection.costs
+
+
 CASES = {
-    "GrowableRows": Case(make_rows, learn_rows, use_rows, checks_input=False),
+    "GrowableRows": Case(make_rows, learn_rows, use_rows, checks_input=False, freezes=False),
     "MotorSchemas-cue": Case(
         lambda: make_schemas("cue"), learn_schemas, use_schemas, checks_input=False
     ),
@@ -160,8 +203,13 @@ CASES = {
     "PACNet-paper-cue": Case(lambda: make_network("paper", "cue"), learn_network, use_network),
     "PACNet-gwr-order": Case(lambda: make_network("gwr", "order"), learn_network, use_network),
     "PIDController": Case(make_controller, learn_controller, use_controller),
+    "MLPForwardModel": Case(
+        make_mlp, learn_mlp, use_forward_model, by_gradient=True, freezes=False
+    ),
+    "TransitionMatrix": Case(make_matrix, learn_matrix, use_forward_model, freezes=False),
 }
 CHECKING = [name for name, case in CASES.items() if case.checks_input]
+FREEZING = [name for name, case in CASES.items() if case.freezes]
 STARTS = ("untaught", "taught")
 
 
@@ -173,6 +221,11 @@ def case(request: pytest.FixtureRequest) -> Case:
 @pytest.fixture(params=STARTS)
 def start(request: pytest.FixtureRequest) -> str:
     return request.param
+
+
+@pytest.fixture(autouse=True)
+def _short_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fitting, "MAX_EPOCHS", 3)
 
 
 @functools.cache
@@ -285,14 +338,14 @@ def test_a_state_dict_holds_tensors_alone_and_nothing_dead(case: Case, start: st
         assert tensor.untyped_storage().nbytes() == tensor.nbytes, name  # no spare rows behind it
 
 
-def test_nothing_is_a_parameter_and_nothing_keeps_a_graph(case: Case):
+def test_only_what_a_gradient_teaches_is_a_parameter_and_nothing_keeps_a_graph(case: Case):
     module = case.make()
     percepts, targets = draw(1)
     if case.make is not make_rows:  # which hold what they are given
         percepts.requires_grad_(), targets.requires_grad_()
     case.learn(module, percepts, targets)
     case.use(module, percepts, targets)
-    assert list(module.parameters()) == []
+    assert bool(list(module.parameters())) == case.by_gradient
     for name, buffer in module.named_buffers():
         assert not buffer.requires_grad, name
         assert buffer.grad_fn is None, name
@@ -315,7 +368,7 @@ def test_a_deep_copy_goes_its_own_way(case: Case, start: str):
     assert_same_state(twin, before)
 
 
-@pytest.mark.parametrize("case", [name for name in CASES if name != "GrowableRows"], indirect=True)
+@pytest.mark.parametrize("case", FREEZING, indirect=True)
 def test_eval_mode_freezes_everything_learned(case: Case, start: str):
     module = make(case, start).eval()
     before = snapshot(module)

@@ -10,6 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from pacnet.forward_model import ForwardModel
 from pacnet.pid import PIDConfig, PIDController
 
 MASS, FRICTION = 0.7, 0.3  # [kg m^2], [N m s / rad]
@@ -166,6 +167,41 @@ def test_steps_are_forward_with_the_integral_threaded_through():
         angles, velocities, targets, wanted, _ = random_batch(4, 1, seed, torch.float64)
         torque, integral = other(angles, velocities, targets, integral, wanted)
         assert torch.equal(pid.step(angles, velocities, targets, wanted), torque)
+
+
+def test_a_command_is_a_step_with_angles_and_velocities_side_by_side():
+    # Joint 0: e 1, integral 1: 10 * 1 + 2 * 1 - 1 * 2 = 10. Joint 1: e .5, integral .5:
+    # 20 * .5 + 4 * .5 - .5 * -1 = 12.5. A second time the integrals are 2 and 1: 12 and 14.5.
+    config = PIDConfig(
+        kp=(10.0, 20.0), ki=(2.0, 4.0), kd=(1.0, 0.5), dt=1.0, integral_limit=9.0, torque_limit=99.0
+    )
+    pid = PIDController(config)
+    assert isinstance(pid, ForwardModel)
+    states, targets = torch.tensor([[1.0, 0.0, 2.0, -1.0]]), torch.tensor([[2.0, 0.5]])
+    first, second = pid.command(states, targets), pid.command(states, targets)
+    assert first.action.tolist() == [[10.0, 12.5]]
+    assert second.action.tolist() == [[12.0, 14.5]]
+    assert first.given.tolist() == [True]
+    pid.reset()
+    assert pid.command(states, targets).action.tolist() == [[10.0, 12.5]]
+
+
+@pytest.mark.parametrize(
+    ("states", "targets", "message"),
+    [
+        (torch.zeros(1, 1), torch.zeros(1, 1), r"states .* \[rows, 2\] .* got shape \[1, 1\]"),
+        (torch.zeros(1, 2), torch.zeros(1, 2), r"targets .* got shape \[1, 2\]"),
+        (torch.zeros(1, 2), torch.zeros(2, 1), "equally many rows"),
+        (None, torch.zeros(1, 1), "states .* got NoneType"),
+    ],
+)
+def test_a_refused_command_changes_nothing(states, targets, message):
+    pid = PIDController(controller(ki=60.0).config)
+    pid.command(torch.zeros(1, 2), torch.ones(1, 1))
+    before = pid.integral.clone()
+    with pytest.raises(ValueError, match=message):
+        pid.command(states, targets)
+    assert torch.equal(pid.integral, before)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

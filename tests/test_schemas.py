@@ -221,3 +221,26 @@ def test_a_recall_in_progress_starts_afresh_when_nodes_are_deleted():
     result = schemas.recall(1, torch.zeros(1))  # what was node 2
     assert result is not None
     assert (result.target.item(), result.position) == (7, 0)
+
+
+def test_the_target_is_the_mean_over_the_nearest_cues():
+    schemas = MotorSchemas(MotorSchemasConfig(1, percept_dimensions=1, nearest_cues=2))
+    node = schemas.add_node()
+    for cue, target in ((0.0, 10.0), (1.0, 20.0), (2.0, 60.0), (1.0, 90.0)):
+        schemas.write(node, torch.tensor([target]), torch.tensor([cue]), episode=0, habituated=True)
+    # From 1.8 the nearest are 2.0 (60) and, of two equally near, the first at 1.0 (20).
+    recalled = schemas.recall(node, torch.tensor([1.8]))
+    assert recalled is not None
+    assert recalled.target.item() == 40.0
+    assert recalled.position == 2
+
+
+def test_fewer_cues_than_asked_for_are_all_averaged():
+    schemas = MotorSchemas(MotorSchemasConfig(1, percept_dimensions=1, nearest_cues=9))
+    node = schemas.add_node()
+    for cue, target in ((0.0, 1.0), (5.0, 4.0)):
+        schemas.write(node, torch.tensor([target]), torch.tensor([cue]), episode=0, habituated=True)
+    recalled = schemas.recall(node, torch.tensor([4.0]))
+    assert recalled is not None
+    assert recalled.target.item() == 2.5
+    assert recalled.position == 1

@@ -1,0 +1,331 @@
+"""A forward model learned from wandering: a small network predicts how an action changes the state.
+
+Source: Maistros, Marom & Hayes (2001), Experiment 2, where a matrix of state transitions does it
+(`TransitionMatrix`). A network generalises between states. It predicts the change, because the
+next state is mostly the present one again, and a model could be nearly right without the action.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from pacnet.candidates import (
+    Outcomes,
+    check_candidate_config,
+    check_equally_many,
+    command,
+    select,
+)
+from pacnet.fitting import (
+    FitReport,
+    Progress,
+    check_transitions,
+    mean_and_std,
+    r2_of_change,
+    split_by_blocks,
+    train,
+)
+from pacnet.forward_model import Command, Selection
+from pacnet.interrupts import interrupts_held_back
+from pacnet.model_checkpoint import load_tensors, read_model, rebuild_config, save_model
+from pacnet.validation import check_fields, check_rows, is_integer
+
+_NORMALISERS = (
+    "state_mean", "state_std", "action_mean", "action_std", "change_mean", "change_std",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MLPForwardModelConfig:
+    """Settings of an `MLPForwardModel`.
+
+    Attributes:
+        state_dimensions: length S of a state and of a target.
+        action_dimensions: length U of an action.
+        candidates: the K ≥ 1 actions that `command` chooses from.
+        hidden: width of each hidden layer; none makes the model linear.
+        steps: number of time steps for which an action is held; the model is fitted to one step
+            and goes on from its own prediction.
+        abstain_below: spread of the candidates' predicted states, in the state's unit, under
+            which no action is given. A single candidate has no spread: it is given only if this
+            is 0.
+
+    Raises:
+        ValueError: a field of another type or out of range.
+    """
+
+    state_dimensions: int
+    action_dimensions: int
+    candidates: tuple[tuple[float, ...], ...]
+    hidden: tuple[int, ...] = (64, 64)
+    steps: int = 1
+    abstain_below: float = 0.03
+
+    def __post_init__(self) -> None:
+        """Turns sequences (JSON reads lists) into tuples and refuses values without meaning."""
+        check_candidate_config(self)
+        layers = isinstance(self.hidden, tuple | list)
+        valid = layers and all(is_integer(width, 1) for width in self.hidden)
+        check_fields(self, {"hidden": (valid, "to be a tuple of widths ≥ 1")})
+        object.__setattr__(self, "hidden", tuple(self.hidden))
+
+
+class MLPForwardModel(nn.Module):
+    """Predicts the change of the state; chooses the action predicted to come nearest to a target.
+
+    Untrained it runs, with unit normalisers and random weights. States, actions and targets have
+    the dtype of the weights; the normalisers stay float64 whatever the module is cast to.
+
+    Args:
+        config: see `MLPForwardModelConfig`.
+        seed: draws the untrained weights.
+
+    Example:
+        >>> states, actions = torch.rand(200, 1), torch.rand(200, 1)
+        >>> config = MLPForwardModelConfig(1, 1, candidates=((0.0,), (1.0,)), hidden=())
+        >>> model = MLPForwardModel(config)
+        >>> report = model.fit(states, actions, states + 2 * actions, seed=0)
+        >>> model.select(torch.tensor([0.5]), torch.tensor([2.4])).action
+        tensor([1.])
+    """
+
+    candidates: Tensor  # [K, U]
+    state_mean: Tensor  # float64 [S]; and so on
+    state_std: Tensor
+    action_mean: Tensor
+    action_std: Tensor
+    change_mean: Tensor
+    change_std: Tensor
+
+    def __init__(self, config: MLPForwardModelConfig, *, seed: int = 0) -> None:
+        super().__init__()
+        self.config = config
+        self.network = _make_network(config, torch.Generator().manual_seed(seed))
+        self.register_buffer("candidates", torch.tensor(config.candidates), persistent=False)
+        widths = {"action": config.action_dimensions}
+        for name in _NORMALISERS:
+            width = widths.get(name.split("_")[0], config.state_dimensions)
+            start = torch.zeros if name.endswith("mean") else torch.ones
+            self.register_buffer(name, start(width, dtype=torch.float64))
+
+    @property
+    def action_dimensions(self) -> int:
+        """Length U of an action."""
+        return self.config.action_dimensions
+
+    def forward(self, states: Tensor, actions: Tensor) -> Tensor:
+        """Predicts the change of the state in one time step.
+
+        Args:
+            states: `[B, S]`.
+            actions: `[B, U]`.
+
+        Returns:
+            The changes, `[B, S]`.
+
+        Raises:
+            ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite;
+                unequal numbers of rows.
+        """
+        self._check(states, actions)
+        return self._change(states, actions)
+
+    def predict(self, states: Tensor, actions: Tensor) -> Tensor:
+        """Predicts the states `[B, S]` after each action was held for `config.steps` steps.
+
+        Args:
+            states: `[B, S]`.
+            actions: `[B, U]`.
+
+        Raises:
+            ValueError: as `forward`.
+        """
+        self._check(states, actions)
+        return self._after(states, actions)
+
+    def outcomes(self, states: Tensor, candidates: Tensor) -> Outcomes:
+        """Where each candidate `[K, U]` leads from each state `[B, S]`; all are known.
+
+        Raises:
+            ValueError: as `forward`.
+        """
+        columns = self.config.state_dimensions
+        check_rows("states", states, columns, self.candidates)
+        check_rows("candidates", candidates, self.config.action_dimensions, self.candidates)
+        rows, number = len(states), len(candidates)
+        after = self._after(states.repeat_interleave(number, dim=0), candidates.repeat(rows, 1))
+        known = torch.ones(rows, number, dtype=torch.bool, device=states.device)
+        return Outcomes(after.reshape(rows, number, columns), known)
+
+    def select(self, state: Tensor, target: Tensor, candidates: Tensor | None = None) -> Selection:
+        """Chooses the candidate whose predicted state is nearest (Euclidean) to the target.
+
+        Of exactly equal ones the first. It abstains where the spread of the predicted states is
+        under `config.abstain_below`.
+
+        Args:
+            state: `[S]`.
+            target: `[S]`.
+            candidates: `[K, U]`; the config's if left out.
+
+        Raises:
+            ValueError: a tensor of the wrong shape, dtype or device, or not finite.
+        """
+        return select(self, state, target, candidates)
+
+    def command(self, states: Tensor, targets: Tensor) -> Command:
+        """`select` among the config's candidates for each state `[B, S]` and target `[B, S]`.
+
+        Raises:
+            ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite;
+                unequal numbers of rows.
+        """
+        return command(self, states, targets)
+
+    def reset(self) -> None:
+        """Does nothing: no episode leaves a trace."""
+
+    def fit(
+        self,
+        states: Tensor,
+        actions: Tensor,
+        next_states: Tensor,
+        *,
+        seed: int,
+        progress: Progress | None = None,
+    ) -> FitReport:
+        """Learns from transitions, afresh: what was learned before is replaced, in eval mode too.
+
+        A fifth of the blocks of 50 successive transitions is held out. The fit ends when their
+        loss has not fallen for 20 epochs, or after 200, and the best weights stay. It computes in
+        float32 on the CPU, where so small a network is fastest and the same seed gives the same
+        bytes. A Ctrl-C leaves the model as it was.
+
+        Args:
+            states: `[T, S]`, in order of time.
+            actions: `[T, U]`.
+            next_states: `[T, S]`, one time step later.
+            seed: draws the weights, the blocks and the minibatches.
+            progress: see `pacnet.fitting.Progress`.
+
+        Raises:
+            ValueError: fewer than 100 transitions, wrong shape, dtype or device, not finite, or
+                unequal numbers of rows; nothing has been learned then.
+        """
+        columns = self.config.state_dimensions, self.config.action_dimensions
+        check_transitions(states, actions, next_states, columns, self.candidates)
+        # A caller's inference mode would keep gradients from being computed.
+        with torch.inference_mode(False), torch.enable_grad():
+            before, actions, after = (
+                rows.detach().to("cpu", torch.float64, copy=True)
+                for rows in (states, actions, next_states)
+            )
+            fitted, generator = MLPForwardModel(self.config), torch.Generator().manual_seed(seed)
+            report = fitted._fit_afresh((before, actions), after - before, generator, progress)
+            with interrupts_held_back():
+                self.load_state_dict(fitted.state_dict())
+        return report
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
+
+        Args:
+            folder: made if it is missing; a checkpoint in it is replaced, other files stay.
+
+        Raises:
+            ValueError: a weight or normaliser is not finite; nothing has been written.
+        """
+        save_model(self, self.config, folder)
+
+    @classmethod
+    def from_pretrained(cls, folder: str | Path) -> MLPForwardModel:
+        """Loads what `save_pretrained` wrote, on the CPU.
+
+        Raises:
+            FileNotFoundError: no checkpoint there.
+            ValueError: a damaged file, an unknown version, the checkpoint of something else, or a
+                missing, extra or misshapen tensor, one of another dtype, or not finite.
+        """
+        fields, tensors = read_model(folder, "MLPForwardModel")
+        model = cls(rebuild_config(MLPForwardModelConfig, fields))
+        load_tensors(model, tensors, like="network.0.weight")
+        for name in ("state_std", "action_std", "change_std"):
+            if bool((model.get_buffer(name) <= 0).any()):
+                raise ValueError(f"expected {name} > 0 in '{folder}', got {tensors[name].tolist()}")
+        return model
+
+    def _check(self, states: Tensor, actions: Tensor) -> None:
+        check_rows("states", states, self.config.state_dimensions, self.candidates)
+        check_rows("actions", actions, self.config.action_dimensions, self.candidates)
+        check_equally_many(states=states, actions=actions)
+
+    def _change(self, states: Tensor, actions: Tensor) -> Tensor:
+        change = self.network(self._inputs(states, actions))
+        return (change * self.change_std + self.change_mean).to(states.dtype)
+
+    def _after(self, states: Tensor, actions: Tensor) -> Tensor:
+        for _ in range(self.config.steps):
+            states = states + self._change(states, actions)
+        return states
+
+    def _inputs(self, states: Tensor, actions: Tensor) -> Tensor:
+        """Normalised in float64, then rounded to the dtype of the weights, `[B, S + U]`."""
+        state = (states - self.state_mean) / self.state_std
+        action = (actions - self.action_mean) / self.action_std
+        return torch.cat([state, action], dim=1).to(self.candidates.dtype)
+
+    def _fit_afresh(
+        self,
+        inputs: tuple[Tensor, Tensor],
+        changes: Tensor,
+        generator: torch.Generator,
+        progress: Progress | None,
+    ) -> FitReport:
+        """Fits this untrained model; the transitions come as float64 on the CPU."""
+        self.network = _make_network(self.config, generator)
+        learning, held_out = split_by_blocks(len(changes), generator)
+        for name, rows in zip(("state", "action", "change"), (*inputs, changes), strict=True):
+            mean, std = mean_and_std(rows[learning])  # of those held out nothing is known
+            self.get_buffer(f"{name}_mean").copy_(mean)
+            self.get_buffer(f"{name}_std").copy_(std)
+        x = self._inputs(*inputs)
+        y = ((changes - self.change_mean) / self.change_std).to(x.dtype)
+        trained = train(
+            self.network,
+            (x[learning], y[learning]),
+            (x[held_out], y[held_out]),
+            generator,
+            progress,
+        )
+        with torch.no_grad():
+            predicted = self._change(*(rows[held_out] for rows in inputs))
+        return FitReport(*trained, held_out, r2_of_change(changes[held_out], predicted))
+
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> MLPForwardModel:
+        """What `to`, `float` and their like call: normalisers move between devices, undegraded."""
+        exact = {name: self.get_buffer(name) for name in _NORMALISERS}
+        super()._apply(fn, recurse)
+        for name, buffer in exact.items():
+            moved = self.get_buffer(name)
+            if moved.dtype != buffer.dtype:
+                setattr(self, name, buffer.to(moved.device))
+        return self
+
+
+def _make_network(config: MLPForwardModelConfig, generator: torch.Generator) -> nn.Sequential:
+    """Linear layers, orthogonal at first, with SiLU between them."""
+    inputs = config.state_dimensions + config.action_dimensions
+    layers: list[nn.Module] = []
+    for width in itertools.pairwise((inputs, *config.hidden, config.state_dimensions)):
+        # A layer made in memory at once would draw from the caller's global generator.
+        linear = nn.Linear(*width, device="meta").to_empty(device="cpu")
+        nn.init.orthogonal_(linear.weight, generator=generator)
+        nn.init.zeros_(linear.bias)
+        layers += [linear, nn.SiLU()]
+    return nn.Sequential(*layers[:-1])

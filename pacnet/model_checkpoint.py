@@ -1,0 +1,98 @@
+"""Saving and loading a model that is one config and its tensors, with its kind in the config."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+from torch import Tensor, nn
+
+from pacnet.checkpoint import read_checkpoint, write_checkpoint
+
+_KIND = "model"  # the field of the config document that names the class
+
+_Config = TypeVar("_Config")
+
+
+def save_model(model: nn.Module, config: Any, folder: str | Path) -> None:
+    """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
+
+    Args:
+        model: whose state_dict is finite.
+        config: its dataclass, of what JSON can hold.
+        folder: made if it is missing; a checkpoint in it is replaced, other files stay.
+
+    Raises:
+        ValueError: a tensor that is not finite; nothing has been written.
+    """
+    tensors = model.state_dict()
+    _check_finite(tensors)
+    write_checkpoint(folder, {_KIND: type(model).__name__, **asdict(config)}, tensors)
+
+
+def read_model(folder: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """Reads the config's fields and the tensors of a model of the named class.
+
+    Raises:
+        FileNotFoundError: no checkpoint there.
+        ValueError: a damaged file, an unknown version, or the checkpoint of something else.
+    """
+    fields, tensors = read_checkpoint(folder)
+    found = fields.pop(_KIND, None)
+    if found != kind:
+        other = "something else" if found is None else repr(found)
+        raise ValueError(f"expected a checkpoint of {kind} in '{folder}', got one of {other}")
+    return fields, tensors
+
+
+def rebuild_config(kind: type[_Config], fields: dict[str, Any]) -> _Config:
+    """The config dataclass of what `dataclasses.asdict` gave, after JSON.
+
+    Raises:
+        ValueError: a field is missing, unknown or out of range.
+    """
+    try:
+        return kind(**fields)
+    except TypeError as error:
+        raise ValueError(
+            f"expected the fields of {kind.__name__}, got {fields}: {error}"
+        ) from error
+
+
+def load_tensors(model: nn.Module, tensors: dict[str, Tensor], like: str) -> None:
+    """Puts a checkpoint's tensors in the place of the model's own.
+
+    Args:
+        model: takes the float type of the tensor `like` before anything is compared.
+        tensors: by name, as `read_model` gave them.
+        like: name of the tensor whose dtype is the model's.
+
+    Raises:
+        ValueError: a missing, extra or misshapen tensor, one of another dtype, or not finite.
+    """
+    kind, expected = type(model).__name__, set(model.state_dict())
+    if expected != set(tensors):
+        missing, extra = expected - set(tensors), set(tensors) - expected
+        raise ValueError(
+            f"expected the tensors of {kind}, "
+            f"got {sorted(missing) or 'none'} missing, {sorted(extra) or 'none'} extra"
+        )
+    if tensors[like].is_floating_point():
+        model.to(tensors[like].dtype)
+    for name, tensor in model.state_dict().items():
+        wanted, got = (tensor.dtype, tensor.shape), (tensors[name].dtype, tensors[name].shape)
+        if wanted != got:
+            raise ValueError(
+                f"expected {name} of {kind} as {wanted[0]} {list(wanted[1])}, "
+                f"got {got[0]} {list(got[1])}"
+            )
+    _check_finite(tensors)
+    model.load_state_dict(tensors)
+
+
+def _check_finite(tensors: dict[str, Tensor]) -> None:
+    for name, tensor in tensors.items():
+        if not bool(torch.isfinite(tensor).all()):
+            raise ValueError(f"expected finite {name}, got NaN or infinity")

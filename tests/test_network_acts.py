@@ -1,0 +1,199 @@
+"""The network with a forward model: what it does, when it does nothing, what it saves."""
+
+import pytest
+import torch
+
+from pacnet import (
+    Command,
+    MLPForwardModel,
+    MLPForwardModelConfig,
+    MotorSchemasConfig,
+    PACNet,
+    PACNetConfig,
+    PIDConfig,
+    PIDController,
+    SOFMConfig,
+    TransitionMatrix,
+    TransitionMatrixConfig,
+    targets_ahead,
+)
+
+CANDIDATES = ((-0.1,), (0.0,), (0.1,))
+HERE = torch.tensor([[0.5]])
+NOWHERE = torch.tensor([[50.0]])
+
+
+class Towards:
+    """Goes to the target, unless it is nearer than `deadband`; counts its calls since reset."""
+
+    action_dimensions = 1
+
+    def __init__(self, deadband: float = 0.0) -> None:
+        self.deadband, self.calls = deadband, 0
+
+    def command(self, states, targets):  # noqa: D102
+        self.calls += 1
+        way = targets - states
+        given = way.abs()[:, 0] >= self.deadband
+        return Command(way.where(given[:, None], torch.nan), given)
+
+    def reset(self):  # noqa: D102
+        self.calls = 0
+
+
+def taught(forward_model=None, target=0.75) -> PACNet:
+    """Knows one percept, 0.5, and the target that goes with it."""
+    attention = SOFMConfig.paper(1, novelty_threshold=0.6)
+    network = PACNet(PACNetConfig(attention, MotorSchemasConfig(1, 1)), forward_model)
+    network.observe(HERE.repeat(30, 1), torch.full((30, 1), target), episode=0)
+    return network
+
+
+def trained_mlp() -> MLPForwardModel:
+    """Knows that an action moves the state by itself."""
+    generator = torch.Generator().manual_seed(0)
+    states = torch.rand(1000, 1, generator=generator)
+    actions = 0.2 * torch.rand(1000, 1, generator=generator) - 0.1
+    model = MLPForwardModel(MLPForwardModelConfig(1, 1, CANDIDATES, hidden=()))
+    model.fit(states, actions, states + actions, seed=0)
+    return model
+
+
+def trained_matrix() -> TransitionMatrix:
+    grid = torch.arange(0, 1.01, 0.1)
+    states = grid.repeat_interleave(3)[:, None].repeat(5, 1)
+    actions = torch.tensor(CANDIDATES).repeat(len(grid) * 5, 1)
+    model = TransitionMatrix(TransitionMatrixConfig(1, 1, CANDIDATES, clusters=11))
+    model.fit(states, actions, (states + actions).clamp(0, 1), seed=0)
+    return model
+
+
+def pid() -> PIDController:
+    return PIDController(
+        PIDConfig(kp=(2.0,), ki=(0.0,), kd=(1.0,), dt=0.02, integral_limit=1.0, torque_limit=10.0)
+    )
+
+
+def test_the_action_leads_from_the_percept_to_the_recalled_target():
+    assert taught(Towards()).act(HERE).action.item() == pytest.approx(0.75 - 0.5)
+
+
+def test_it_starts_from_the_state_where_that_is_not_the_percept():
+    action = taught(Towards()).act(HERE, states=torch.tensor([[1.0]])).action
+    assert action.item() == pytest.approx(0.75 - 1.0)
+
+
+def test_nothing_is_done_about_an_unknown_percept():
+    acted = taught(Towards()).act(torch.cat([NOWHERE, HERE]))
+    assert acted.given.tolist() == [False, True]
+    assert acted.action.isnan().flatten().tolist() == [True, False]
+    assert acted.abstained.tolist() == [False, False]
+
+
+def test_nothing_is_done_where_the_forward_model_abstains():
+    acted = taught(Towards(deadband=0.5)).act(HERE)
+    assert acted.recall.commanded.item()
+    assert not acted.given.item()
+    assert acted.abstained.item()
+    assert acted.action.isnan().item()
+
+
+def test_reset_starts_the_forward_model_afresh():
+    model = Towards()
+    network = taught(model)
+    network.act(HERE.repeat(3, 1))
+    assert model.calls == 3
+    network.reset()
+    assert model.calls == 0
+
+
+@pytest.mark.parametrize("make", [trained_mlp, trained_matrix])
+@pytest.mark.parametrize(("target", "wanted"), [(0.7, 0.1), (0.3, -0.1), (0.5, 0.0)])
+def test_learned_forward_models_choose_the_candidate_towards_the_target(make, target, wanted):
+    acted = taught(make(), target).act(HERE)
+    assert acted.action.item() == pytest.approx(wanted)
+
+
+def test_a_pid_is_a_forward_model_with_a_state_of_its_own():
+    states = torch.tensor([[0.25, 0.125]])  # angle [rad], velocity [rad/s]
+    torque = taught(pid()).act(HERE, states).action
+    assert torque.item() == pytest.approx(2.0 * (0.75 - 0.25) - 1.0 * 0.125)
+
+
+def test_all_at_once_equals_one_by_one_also_with_a_memory():
+    config = PIDConfig(
+        kp=(2.0,), ki=(9.0,), kd=(0.0,), dt=0.02, integral_limit=1.0, torque_limit=10.0
+    )
+    percepts = torch.tensor([[0.5], [0.55], [50.0], [0.45]])
+    states = torch.rand(4, 2, generator=torch.Generator().manual_seed(1))
+    at_once = taught(PIDController(config)).act(percepts, states).action
+    network = taught(PIDController(config))
+    one_by_one = torch.cat(
+        [
+            network.act(percept[None], state[None]).action
+            for percept, state in zip(percepts, states, strict=True)
+        ]
+    )
+    torch.testing.assert_close(at_once, one_by_one, rtol=0, atol=0, equal_nan=True)
+
+
+def test_acting_learns_nothing():
+    network = taught(trained_mlp())
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    network.act(torch.cat([HERE, NOWHERE]))
+    assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
+
+
+@pytest.mark.parametrize(
+    ("model", "percepts", "states", "message"),
+    [
+        (None, HERE, None, "expected a forward model"),
+        (Towards(), HERE, HERE.repeat(2, 1), "expected one state for each of 1 percepts, got 2"),
+        (Towards(), HERE.double(), None, "expected percepts as a torch.float32"),
+        (pid(), HERE, None, "columns|shape"),
+    ],
+)
+def test_bad_input_is_refused(model, percepts, states, message):
+    network = taught(model)
+    with pytest.raises(ValueError, match=message):
+        network.act(percepts, states)
+
+
+def test_a_checkpoint_holds_the_network_and_not_its_forward_model(tmp_path):
+    network = taught(trained_mlp(), target=0.7)
+    network.save_pretrained(tmp_path / "network")
+    network.forward_model.save_pretrained(tmp_path / "body")
+    alone = PACNet.from_pretrained(tmp_path / "network")
+    with pytest.raises(ValueError, match="forward model"):
+        alone.act(HERE)
+    body = MLPForwardModel.from_pretrained(tmp_path / "body")
+    again = PACNet.from_pretrained(tmp_path / "network", forward_model=body)
+    assert torch.equal(again.act(HERE).action, network.act(HERE).action)
+
+
+def test_a_forward_model_checkpoint_is_no_network(tmp_path):
+    trained_mlp().save_pretrained(tmp_path)
+    with pytest.raises(ValueError, match="expected"):
+        PACNet.from_pretrained(tmp_path)
+
+
+def test_targets_lie_some_steps_ahead_and_stay_at_the_end():
+    states = torch.tensor([[0.0], [1.0], [2.0], [3.0]])
+    assert targets_ahead(states, 2).flatten().tolist() == [2.0, 3.0, 3.0, 3.0]
+    assert targets_ahead(states, 0).flatten().tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert targets_ahead(states, 9).flatten().tolist() == [3.0] * 4
+    assert targets_ahead(states[:0], 2).shape == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("states", "steps", "message"),
+    [
+        (torch.zeros(4), 1, r"shape \[T, A\], got \[4\]"),
+        ([[0.0]], 1, "got list"),
+        (torch.zeros(4, 1), -1, "steps as an integer ≥ 0, got -1"),
+        (torch.zeros(4, 1), 1.5, "steps as an integer ≥ 0, got 1.5"),
+    ],
+)
+def test_targets_ahead_refuses(states, steps, message):
+    with pytest.raises(ValueError, match=message):
+        targets_ahead(states, steps)
