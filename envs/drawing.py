@@ -10,6 +10,7 @@ from mujoco import mjtGeom  # pyright: ignore[reportAttributeAccessIssue]
 from PIL import Image, ImageDraw
 from scipy.spatial import ConvexHull
 
+from envs.pinhole import Pinhole
 from envs.scene import CAMERA, FLOOR_HALF_SIZE, FURNITURE_GROUP, HIDDEN_GROUP
 
 OVERSAMPLING = 2  # drawn larger and scaled down, for smooth edges
@@ -29,7 +30,7 @@ def draw_scene(physics: dm_mujoco.Physics, height: int, width: int) -> np.ndarra
         The picture (height, width, 3) uint8.
     """
     size = (height * OVERSAMPLING, width * OVERSAMPLING)
-    camera = _Camera(physics, *size)
+    camera = Pinhole(physics, CAMERA, *size)
     picture = _background(camera, *size)
     draw = ImageDraw.Draw(picture, "RGBA")
     for geom in _drawing_order(physics, camera):
@@ -41,28 +42,7 @@ def draw_scene(physics: dm_mujoco.Physics, height: int, width: int) -> np.ndarra
     return np.asarray(picture.resize((width, height), Image.Resampling.BOX))
 
 
-class _Camera:
-    """The scene's camera as a pinhole: world points to pixels of a picture of a given size."""
-
-    def __init__(self, physics: dm_mujoco.Physics, height: int, width: int) -> None:
-        """Reads where the camera is."""
-        index = physics.model.name2id(CAMERA, "camera")
-        self.position = physics.data.cam_xpos[index].copy()  # (3,) [m]
-        self._axes = physics.data.cam_xmat[index].reshape(3, 3).copy()  # columns: right, up, back
-        self._focal = height / 2 / np.tan(np.deg2rad(physics.model.cam_fovy[index]) / 2)
-        self._centre = np.array([width / 2, height / 2])
-
-    def depth(self, points: np.ndarray) -> np.ndarray:
-        """Distance (N,) [m] of points (N, 3) along the line of sight."""
-        return -(points - self.position) @ self._axes[:, 2]
-
-    def project(self, points: np.ndarray) -> np.ndarray:
-        """Pixels (N, 2), column and row, of points (N, 3) [m] in front of the camera."""
-        seen = (points - self.position) @ self._axes
-        return self._centre + self._focal * seen[:, :2] * (1, -1) / -seen[:, 2:]
-
-
-def _background(camera: _Camera, height: int, width: int) -> Image.Image:
+def _background(camera: Pinhole, height: int, width: int) -> Image.Image:
     """A graded sky above the floor's far edge and the floor's colour below it."""
     far_edge = camera.project(np.array([[0.0, FLOOR_HALF_SIZE, 0.0]]))[0, 1]
     horizon = int(np.clip(far_edge, 1, height))
@@ -72,7 +52,7 @@ def _background(camera: _Camera, height: int, width: int) -> Image.Image:
     return Image.fromarray(np.repeat(rows, width, axis=1))
 
 
-def _drawing_order(physics: dm_mujoco.Physics, camera: _Camera) -> np.ndarray:
+def _drawing_order(physics: dm_mujoco.Physics, camera: Pinhole) -> np.ndarray:
     """Visible geoms, furniture first (all else is above it), then from far to near."""
     model = physics.model
     visible = (model.geom_group < HIDDEN_GROUP) & (model.geom_type != mjtGeom.mjGEOM_PLANE)

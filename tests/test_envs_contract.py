@@ -8,7 +8,8 @@ from gymnasium.utils.env_checker import check_env
 
 import envs  # noqa: F401  registers the environments
 
-ENV_IDS = ["pacnet/PosturalImitation-v0"]
+ENV_IDS = ["pacnet/PosturalImitation-v0", "pacnet/WallFollowing-v0"]
+STEP_ARGUMENTS = {"step": "action", "step_to": "angles|wheel_speeds"}  # by name in messages
 N_STEPS = 40
 
 
@@ -99,20 +100,42 @@ def test_rewards_are_between_zero_and_one(env):
 
 
 @pytest.mark.parametrize("spoil", ["shape", "nan", "infinite", "text"])
-def test_bad_action_is_refused_before_anything_moves(env, spoil):
-    good = {"shape": np.zeros(env.action_space.shape[0] + 1, np.float32), "text": "left"}
+@pytest.mark.parametrize("step", STEP_ARGUMENTS)
+def test_bad_action_is_refused_before_anything_moves(env, step, spoil):
+    shape = env.action_space.shape
     bad = {
-        **good,
-        "nan": np.full(env.action_space.shape, np.nan, np.float32),
-        "infinite": np.full(env.action_space.shape, np.inf, np.float32),
+        "shape": np.zeros(shape[0] + 1, np.float32),
+        "nan": np.full(shape, np.nan, np.float32),
+        "infinite": np.full(shape, np.inf, np.float32),
+        "text": "left",
     }[spoil]
     env.reset(seed=9)
     action = env.action_space.sample()
     undisturbed = env.step(action)
     env.reset(seed=9)
-    with pytest.raises(ValueError, match="action must"):
-        env.unwrapped.step(bad)
+    with pytest.raises(ValueError, match=f"({STEP_ARGUMENTS[step]}) must"):
+        getattr(env.unwrapped, step)(bad)
     assert same(env.step(action), undisturbed)
+
+
+def test_action_beyond_the_space_is_refused(env):
+    env.reset(seed=9)
+    action = np.zeros(env.action_space.shape, np.float32)
+    action[-1] = 1.01
+    with pytest.raises(ValueError, match=r"action must be within \[-1, 1\]"):
+        env.unwrapped.step(action)
+
+
+def test_step_to_takes_extremes_that_it_clips(env):
+    """The greatest action is the same as any greater number of its own unit."""
+    env.reset(seed=9)
+    greatest = env.unwrapped.step(np.ones(env.action_space.shape, np.float32))
+    env.reset(seed=9)
+    assert same(env.unwrapped.step_to(np.full(env.action_space.shape, 100.0)), greatest)
+
+
+def test_no_options_are_the_same_as_none(env):
+    assert same(env.reset(seed=6, options={}), env.reset(seed=6))
 
 
 @pytest.mark.parametrize("use", ["step", "step_to", "render"])
@@ -131,3 +154,21 @@ def test_render_gives_pictures_of_the_advertised_size(env):
     assert picture.shape == (360, 640, 3)
     assert picture.dtype == np.uint8
     assert picture.std() > 20  # not one colour
+
+
+@pytest.mark.parametrize("env_id", ENV_IDS)
+def test_render_gives_pictures_of_the_wanted_size(env_id):
+    env = gymnasium.make(env_id, render_mode="rgb_array", width=120, height=200)
+    env.reset(seed=0)
+    assert env.render().shape == (200, 120, 3)
+    env.close()
+
+
+def test_looking_changes_nothing(env):
+    unseen = roll(env, seed=3, n_steps=5)
+    env.action_space.seed(3)
+    seen = [env.reset(seed=3)]
+    for _ in range(5):
+        env.render()
+        seen.append(env.step(env.action_space.sample()))
+    assert all(map(same, unseen, seen))

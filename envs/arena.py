@@ -1,0 +1,244 @@
+"""Walled arenas: outer walls, inner walls and islands, drawn from a seed or by name.
+
+Maistros, Marom & Hayes (2001), Experiment 2, Figure 8. Every obstacle is a box that stands on the
+floor or a round pillar; between any two that do not touch there is room for a robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+THICKNESS = 0.02  # [m] of a wall
+CLEARANCE = 0.28  # [m] at least between obstacles that do not touch: five robots' radii each way
+SIDES = (1.1, 1.5)  # [m] of a drawn arena, inside
+_TRIES = 300  # at most to find room for one obstacle
+
+
+@dataclass(frozen=True)
+class Box:
+    """A wall or a rectangular island, seen from above.
+
+    Attributes:
+        centre: x and y [m].
+        half_size: along its own two axes [m].
+        angle: of its first axis [rad].
+    """
+
+    centre: tuple[float, float]
+    half_size: tuple[float, float]
+    angle: float = 0.0
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Its corners in order (4, 2) [m]."""
+        signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+        return (signs * self.half_size) @ self.axes + self.centre
+
+    @property
+    def outline(self) -> NDArray[np.float64]:
+        """Points around it, 1 cm apart or nearer (N, 2) [m]."""
+        corners = self.corners
+        sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        return np.concatenate([_between(start, end) for start, end in sides])
+
+    @property
+    def axes(self) -> NDArray[np.float64]:
+        """Its own two axes in the world, one a row (2, 2)."""
+        cosine, sine = math.cos(self.angle), math.sin(self.angle)
+        return np.array([[cosine, sine], [-sine, cosine]])
+
+
+@dataclass(frozen=True)
+class Pillar:
+    """A round island, seen from above.
+
+    Attributes:
+        centre: x and y [m].
+        radius: [m].
+    """
+
+    centre: tuple[float, float]
+    radius: float
+
+    @property
+    def outline(self) -> NDArray[np.float64]:
+        """Points around it, 1 cm apart or nearer (N, 2) [m]."""
+        count = max(24, math.ceil(2 * math.pi * self.radius / 0.01))
+        turn = np.linspace(0, 2 * math.pi, count, endpoint=False)
+        return self.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1) + self.centre
+
+
+_Obstacle = TypeVar("_Obstacle", bound=Box | Pillar)
+
+
+@dataclass(frozen=True)
+class Arena:
+    """A rectangle of outer walls around (0, 0) with obstacles in it.
+
+    Attributes:
+        size: inside the outer walls, along x and y [m].
+        inner_walls: walls that touch an outer one, or stand free.
+        islands: obstacles with a way all around.
+    """
+
+    size: tuple[float, float]
+    inner_walls: tuple[Box, ...] = ()
+    islands: tuple[Box | Pillar, ...] = ()
+
+    @property
+    def outer_walls(self) -> tuple[Box, ...]:
+        """The four walls around."""
+        half_x, half_y = self.size[0] / 2, self.size[1] / 2
+        half = THICKNESS / 2
+        along_x, along_y = (half_x + THICKNESS, half), (half, half_y)
+        return (
+            Box((0.0, half_y + half), along_x),
+            Box((0.0, -half_y - half), along_x),
+            Box((half_x + half, 0.0), along_y),
+            Box((-half_x - half, 0.0), along_y),
+        )
+
+    @property
+    def obstacles(self) -> tuple[Box | Pillar, ...]:
+        """Everything that a robot can run into."""
+        return (*self.outer_walls, *self.inner_walls, *self.islands)
+
+    def nearest(self, points: ArrayLike) -> NDArray[np.float64]:
+        """The nearest point of every obstacle to each of points (N, 2), (N, O, 2) [m].
+
+        Boxes come first, then pillars. Within an obstacle it is the point itself.
+        """
+        places = np.asarray(points, dtype=np.float64)[:, None]  # (N, 1, 2)
+        centres, axes, half_sizes = self._boxes
+        own = ((places - centres)[..., None, :] * axes).sum(axis=-1)  # (N, B, 2) in own axes
+        own = np.clip(own, -half_sizes, half_sizes)
+        on_boxes = (own[..., None] * axes).sum(axis=-2) + centres
+        centres, radii = self._pillars
+        away = places - centres
+        length = np.sqrt((away * away).sum(axis=-1, keepdims=True))
+        inwards = radii / np.maximum(length, radii)  # 1 within the pillar
+        return np.concatenate([on_boxes, centres + away * inwards], axis=1)
+
+    def nearest_wall(self, points: ArrayLike) -> NDArray[np.float64]:
+        """From each of points (N, 2) within the arena to the nearest wall point (N, 2) [m]."""
+        away = self.nearest(points) - np.asarray(points, dtype=np.float64)[:, None]
+        nearest = (away * away).sum(axis=-1).argmin(axis=1)
+        return away[np.arange(len(away)), nearest]
+
+    def clearance(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Distance of each of points (N, 2) to the nearest wall (N,) [m]; 0 in one or outside."""
+        places = np.asarray(points, dtype=np.float64)
+        inside = (np.abs(places) < np.array(self.size) / 2).all(axis=1)
+        return np.where(inside, np.linalg.norm(self.nearest_wall(places), axis=1), 0.0)
+
+    @cached_property
+    def _boxes(self) -> tuple[NDArray[np.float64], ...]:
+        """Centres (B, 2), axes (B, 2, 2) and half sizes (B, 2) of all boxes."""
+        boxes = [obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)]
+        return (
+            np.array([box.centre for box in boxes]),
+            np.stack([box.axes for box in boxes]),
+            np.array([box.half_size for box in boxes]),
+        )
+
+    @cached_property
+    def _pillars(self) -> tuple[NDArray[np.float64], ...]:
+        """Centres (P, 2) and radii (P, 1) of all pillars."""
+        pillars = [obstacle for obstacle in self.obstacles if isinstance(obstacle, Pillar)]
+        centres = np.array([pillar.centre for pillar in pillars]).reshape(-1, 2)
+        return centres, np.array([pillar.radius for pillar in pillars]).reshape(-1, 1)
+
+
+def make_arena(which: str | int) -> Arena:
+    """An arena by name or from a seed.
+
+    Args:
+        which: "paper", the kind of arena that the paper shows, or a seed ≥ 0.
+
+    Raises:
+        ValueError: neither.
+    """
+    if which == "paper":
+        return PAPER_ARENA
+    if isinstance(which, int | np.integer) and not isinstance(which, bool) and which >= 0:
+        return generate_arena(int(which))
+    raise ValueError(f"arena must be 'paper' or a seed ≥ 0, got {which!r}")
+
+
+def generate_arena(seed: int) -> Arena:
+    """Draws an arena: one or two inner walls, one or two islands, each with a way around."""
+    rng = np.random.default_rng(seed)
+    arena = Arena((_draw(rng, *SIDES), _draw(rng, *SIDES)))
+    more_walls, more_islands = rng.integers(0, 2, size=2)
+    # One of each first: for a second one there may be no room.
+    for with_wall, with_island in ((1, 1), (more_walls, more_islands)):
+        for _ in range(with_wall):
+            wall = _first_with_room(arena, _inner_walls(arena, rng), touching=1)
+            arena = replace(arena, inner_walls=(*arena.inner_walls, *wall))
+        for _ in range(with_island):
+            island = _first_with_room(arena, _islands(arena, rng), touching=0)
+            arena = replace(arena, islands=(*arena.islands, *island))
+    return arena
+
+
+# Outer walls of 1.2 m, two inner walls that touch them from opposite sides, and an island.
+PAPER_ARENA = Arena(
+    size=(1.2, 1.2),
+    inner_walls=(
+        Box((-0.2, 0.425), (THICKNESS / 2, 0.175)),
+        Box((0.425, -0.2), (0.175, THICKNESS / 2)),
+    ),
+    islands=(Box((-0.17, -0.17), (0.1, 0.1)),),
+)
+
+
+def _first_with_room(
+    arena: Arena, candidates: Iterator[_Obstacle], touching: int
+) -> tuple[_Obstacle, ...]:
+    """The first candidate with `CLEARANCE` to all but `touching` obstacles; none if none has."""
+    for candidate in islice(candidates, _TRIES):
+        outline = candidate.outline
+        gaps = np.linalg.norm(arena.nearest(outline) - outline[:, None], axis=2).min(axis=0)  # (O,)
+        if (gaps < CLEARANCE).sum() == touching:
+            return (candidate,)
+    return ()
+
+
+def _inner_walls(arena: Arena, rng: np.random.Generator) -> Iterator[Box]:
+    """Walls that stand off an outer one at a right angle, anywhere along it."""
+    while True:
+        axis, side = rng.integers(2), rng.choice([-1, 1])
+        half_length = _draw(rng, 0.12, 0.2)
+        centre, half_size = np.zeros(2), np.full(2, THICKNESS / 2)
+        centre[axis] = side * (arena.size[axis] / 2 - half_length)
+        centre[1 - axis] = _draw(rng, -0.5, 0.5) * arena.size[1 - axis]
+        half_size[axis] = half_length
+        yield Box((centre[0], centre[1]), (half_size[0], half_size[1]))
+
+
+def _islands(arena: Arena, rng: np.random.Generator) -> Iterator[Box | Pillar]:
+    """Boxes at any angle and pillars, anywhere."""
+    while True:
+        x, y = (_draw(rng, -0.5, 0.5) * side for side in arena.size)
+        if rng.random() < 0.5:
+            yield Pillar((x, y), _draw(rng, 0.06, 0.12))
+        else:
+            half_size = (_draw(rng, 0.06, 0.12), _draw(rng, 0.06, 0.12))
+            yield Box((x, y), half_size, _draw(rng, 0, math.pi / 2))
+
+
+def _between(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    count = max(1, math.ceil(float(np.linalg.norm(end - start)) / 0.01))
+    return start + np.linspace(0, 1, count, endpoint=False)[:, None] * (end - start)
+
+
+def _draw(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(rng.uniform(low, high))

@@ -1,0 +1,139 @@
+"""What robots can do unlearned: follow a wall, follow another robot, wander around obstacles.
+
+Each behaviour turns what it perceives into wheel speeds [m/s]. Maistros, Marom & Hayes (2001),
+Experiment 2: the teacher follows walls, the learner has a following behaviour built in and wanders
+where nothing better is known.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from envs.khepera import WHEEL_BASE, wheel_speeds
+
+Side = Literal["left", "right"]
+CRUISE = 0.06  # [m/s] speed of teacher and wanderer
+MAX_TURN = 1.8  # [rad/s]
+
+SIDE_TARGET, DIAGONAL_TARGET = 0.58, 0.2  # readings at ±90° and ±45° of a robot along a wall
+FRONT_LIMIT = 0.2  # reading at ±12° above which the teacher turns in place
+_SIDE_GAIN, _DIAGONAL_GAIN = 2.2, 2.5  # [rad/s] per unit of reading
+
+GAP = 0.13  # [m] along the trail between the teacher and its follower
+WALL_DISTANCE = 0.026  # [m] from the rim that a wall follower settles at
+_LOOK_AHEAD = 0.03  # [m] along the trail
+_CRUMB = 0.004  # [m] between two points of the trail
+
+AVOID_FRONT, AVOID_DIAGONAL = 0.4, 0.75  # readings above which a wanderer turns away
+_AVOID_SPEED = 0.012  # [m/s] while it does
+_TURN_SPREAD, _TURN_MEMORY = 0.4, 0.97  # [rad/s] and per step, of the wanderer's random turning
+
+
+class WallFollower:
+    """Keeps a wall at one side by proportional control on two readings.
+
+    Args:
+        side: of the wall.
+    """
+
+    def __init__(self, side: Side) -> None:
+        self.side: Side = side
+
+    def act(self, infrared: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Wheel speeds (2,) [m/s] for six readings (6,), left to right."""
+        to_the_wall = 1.0 if self.side == "left" else -1.0
+        beside, diagonal, *front = infrared[:4] if self.side == "left" else infrared[:1:-1]
+        if max(front) > FRONT_LIMIT:
+            return wheel_speeds(0.0, -to_the_wall * MAX_TURN)
+        too_far = _SIDE_GAIN * (SIDE_TARGET - beside) + _DIAGONAL_GAIN * (
+            DIAGONAL_TARGET - diagonal
+        )
+        turn = float(np.clip(too_far, -MAX_TURN, MAX_TURN * 0.7))
+        return wheel_speeds(CRUISE, to_the_wall * turn)
+
+
+class TrailFollower:
+    """Pursues the trail of another robot at a distance along it.
+
+    Args:
+        own_place: where the follower is (2,) [m].
+        leader_place: where the other robot is (2,) [m]; the trail begins as the line between.
+    """
+
+    def __init__(self, own_place: NDArray[np.float64], leader_place: NDArray[np.float64]) -> None:
+        steps = max(2, math.ceil(float(np.linalg.norm(leader_place - own_place)) / _CRUMB))
+        self._trail = list(np.linspace(own_place, leader_place, steps))
+
+    def act(
+        self, pose: NDArray[np.float64], leader_place: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Wheel speeds (2,) [m/s].
+
+        Args:
+            pose: of the follower (3,) [m, m, rad].
+            leader_place: where the other robot is now (2,) [m].
+        """
+        if np.linalg.norm(leader_place - self._trail[-1]) >= _CRUMB:
+            self._trail.append(leader_place.copy())
+        trail = np.array(self._trail)
+        nearest = int(np.linalg.norm(trail - pose[:2], axis=1).argmin())
+        self._trail, trail = self._trail[nearest:], trail[nearest:]
+        along = np.concatenate([[0.0], np.linalg.norm(np.diff(trail, axis=0), axis=1).cumsum()])
+        goal = trail[min(int(np.searchsorted(along, _LOOK_AHEAD)), len(trail) - 1)]
+        return _pursue(pose, goal, speed=CRUISE + 0.5 * (along[-1] - GAP))
+
+
+class Wanderer:
+    """A correlated random walk: drives on with slowly changing turns, and away from what is close.
+
+    Args:
+        rng: of its turns.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._turn = 0.0  # [rad/s]
+        self._away = 0.0  # [rad/s] while it turns away, else 0
+
+    def take_over(self, wheels: NDArray[np.floating]) -> None:
+        """Makes the walk go on from how the robot moves, when something else has driven it.
+
+        Args:
+            wheels: speeds that it was driven with (2,) [m/s].
+        """
+        self._turn = float(wheels[1] - wheels[0]) / WHEEL_BASE
+        self._away = 0.0
+
+    def act(self, infrared: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Wheel speeds (2,) [m/s] for six readings (6,), left to right."""
+        innovation = math.sqrt(1 - _TURN_MEMORY**2) * _TURN_SPREAD * self._rng.standard_normal()
+        self._turn = float(np.clip(_TURN_MEMORY * self._turn + innovation, -MAX_TURN, MAX_TURN))
+        front, diagonal = max(infrared[2:4]), max(infrared[1], infrared[4])
+        if front <= AVOID_FRONT and diagonal <= AVOID_DIAGONAL:
+            self._away = 0.0
+            return wheel_speeds(CRUISE, self._turn)
+        if self._away == 0.0:  # chosen once, so that it does not waver in a corner
+            self._away = MAX_TURN if infrared[3:].sum() > infrared[:3].sum() else -MAX_TURN
+        self._turn = 0.0
+        return wheel_speeds(_AVOID_SPEED, self._away)
+
+
+def _pursue(
+    pose: NDArray[np.float64], goal: NDArray[np.float64], speed: float
+) -> NDArray[np.float64]:
+    """Wheel speeds (2,) [m/s] on the circle through a goal ahead (pure pursuit)."""
+    away = goal - pose[:2]
+    bearing = math.remainder(math.atan2(away[1], away[0]) - pose[2], math.tau)
+    distance = max(float(np.linalg.norm(away)), 1e-3)
+    forwards = max(math.cos(bearing), 0.0)
+    turn = (
+        2 * CRUISE * math.sin(bearing) / distance if forwards else math.copysign(MAX_TURN, bearing)
+    )
+    return wheel_speeds(
+        float(np.clip(speed, 0.0, 1.4 * CRUISE)) * forwards,
+        float(np.clip(turn, -MAX_TURN, MAX_TURN)),
+    )

@@ -1,0 +1,276 @@
+"""Experiment 2 as a gymnasium environment: a robot that sees walls by infra-red alone.
+
+Maistros, Marom & Hayes (2001), Experiment 2. With a teacher in it, another robot follows walls
+ahead of the learner; without one the learner is on its own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+
+from envs.arena import make_arena
+from envs.arena_drawing import draw_arena, render_arena
+from envs.arena_physics import ArenaPhysics
+from envs.arena_scene import CONTROL_TIMESTEP, MAX_HEIGHT, MAX_WIDTH
+from envs.khepera import INFRARED_NAMES, MAX_WHEEL_SPEED
+from envs.placement import following_poses, open_pose, wall_pose
+from envs.wall_behaviours import CRUISE, WALL_DISTANCE, Side, WallFollower
+
+NOISE = 0.01  # standard deviation of a reading
+NEAR = 0.05  # [m] from the rim within which a wall counts as beside the robot
+ENERGY_WIDTH = 0.010  # [m] the sensors' own length
+SLACK = 1e-6  # by which rounding may take an action out of [-1, 1]
+LEARNER, TEACHER = 0, 1
+CAMERAS = ("top", "chase")
+
+
+class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """A Khepera-like robot in a walled arena, alone or behind a teacher.
+
+    Action: speeds of the left and the right wheel (2,) as shares of 0.12 m/s, in [-1, 1].
+    `step_to` takes the speeds themselves [m/s].
+
+    Observation: six infra-red readings (6,) from left to right (`envs.khepera.INFRARED_NAMES`),
+    0 for nothing within 70 mm, 1 at contact, with noise of 0.01, clipped to [0, 1].
+
+    Reward: the wall energy of the step, exp(-((d - 26 mm) / 10 mm)² / 2) · min(1, p / 6 mm), where
+    d is the distance from rim to wall and p the way made along the wall.
+
+    Info: `pose` (3,) [m, m, rad], `wall_distance` [m] from the rim, `wall_side` (1 left, -1 right,
+    0 none within 50 mm), `progress` [m] along the nearest wall in this step, `contact`, and
+    `teacher_pose` (3,) if there is a teacher.
+
+    Episodes neither terminate nor truncate by themselves; `gymnasium.make` ends them after 2,500
+    steps.
+    """
+
+    metadata = {  # noqa: RUF012  gymnasium's own type
+        "render_modes": ["rgb_array"],
+        "render_fps": round(1 / CONTROL_TIMESTEP),
+    }
+
+    def __init__(
+        self,
+        render_mode: str | None = None,
+        arena: str | int = "paper",
+        teacher: Side | None = None,
+        noise_scale: float = 1.0,
+        camera: str = "top",
+        width: int = 640,
+        height: int = 360,
+    ) -> None:
+        """Compiles the arena.
+
+        Args:
+            render_mode: None or "rgb_array".
+            arena: "paper", or a seed that draws one.
+            teacher: the side on which a teacher keeps the wall; None for no teacher.
+            noise_scale: factor on the noise of the readings; 0 perceives the truth.
+            camera: "top" sees the whole arena, "chase" follows the learner.
+            width: of a rendered picture [pixels].
+            height: of a rendered picture [pixels].
+
+        Raises:
+            ValueError: an argument is out of its range.
+        """
+        _check_arguments(render_mode, teacher, noise_scale, camera, width, height)
+        self.arena = make_arena(arena)
+        self.render_mode = render_mode
+        self._camera, self._size = camera, (height, width)
+        self.draws_with_gl = True  # until it fails
+        robots = ("learner",) if teacher is None else ("learner", "teacher")
+        self._physics = ArenaPhysics.build(self.arena, robots)
+        self._teacher = None if teacher is None else WallFollower(teacher)
+        self._noise = NOISE * noise_scale
+        self._was_reset = False
+        self.action_space = Box(-1.0, 1.0, shape=(2,), dtype=np.float32)
+        self.observation_space = Box(0.0, 1.0, shape=(len(INFRARED_NAMES),), dtype=np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Puts the learner behind the teacher along a wall, or anywhere in the open.
+
+        Args:
+            seed: decides places and noise.
+            options: `{"wall": "left"}` or `"right"` puts a learner that is alone beside a wall.
+
+        Returns:
+            Observation and info.
+
+        Raises:
+            ValueError: an unknown option, or a wall for a learner with a teacher.
+        """
+        wall = _wanted_wall(options)
+        if wall is not None and self._teacher is not None:
+            raise ValueError(f"options must be none with a teacher, who chooses, got {options!r}")
+        super().reset(seed=seed, options=options)
+        self._physics.begin(self._draw_poses(wall))
+        self._was_reset = True
+        return self._perceive(LEARNER), self._describe(self._physics.poses[LEARNER])
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Runs one control step of 0.1 s.
+
+        Args:
+            action: speeds of the left and the right wheel (2,) as shares of 0.12 m/s.
+
+        Returns:
+            Observation, reward, terminated (False), truncated (False), info.
+
+        Raises:
+            ValueError: the action is not 2 finite numbers within [-1, 1]; nothing has moved.
+            ResetNeeded: the environment was never reset.
+        """
+        shares = _checked("action", action)
+        if np.abs(shares).max() > 1 + SLACK:
+            raise ValueError(
+                f"action must be within [-1, 1], got {shares}; step_to takes wheel speeds [m/s]"
+            )
+        return self.step_to(MAX_WHEEL_SPEED * shares)
+
+    def step_to(
+        self, wheel_speeds: np.ndarray
+    ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Runs one control step of 0.1 s, as `step`, at wheel speeds.
+
+        Args:
+            wheel_speeds: of the left and the right wheel (2,) [m/s]; clipped to ±0.12 m/s.
+
+        Returns:
+            Observation, reward, terminated (False), truncated (False), info.
+
+        Raises:
+            ValueError: the speeds are not 2 finite numbers; nothing has moved.
+            ResetNeeded: the environment was never reset.
+        """
+        wanted = np.clip(_checked("wheel_speeds", wheel_speeds), -MAX_WHEEL_SPEED, MAX_WHEEL_SPEED)
+        self._check_reset()
+        wheels = [wanted]
+        if self._teacher is not None:
+            wheels.append(self._teacher.act(self._perceive(TEACHER)))
+        before = self._physics.poses[LEARNER]
+        self._physics.advance(np.stack(wheels))
+        info = self._describe(before)
+        return self._perceive(LEARNER), _energy(info), False, False, info
+
+    def render(self) -> np.ndarray | None:
+        """Draws the arena, the robots and the rays of the learner's sensors.
+
+        Without OpenGL, Pillow draws.
+
+        Returns:
+            A picture (height, width, 3) uint8, or None without a render mode.
+
+        Raises:
+            ResetNeeded: the environment was never reset.
+        """
+        if self.render_mode is None:
+            return None
+        self._check_reset()
+        view = (self._physics, self._camera, *self._size)
+        if self.draws_with_gl:
+            try:
+                return render_arena(*view)
+            except Exception:  # each backend raises its own kind
+                self.draws_with_gl = False
+        return draw_arena(*view)
+
+    def close(self) -> None:
+        """Frees the simulation and its OpenGL context."""
+        self._physics.free()
+
+    def _check_reset(self) -> None:
+        if not self._was_reset:
+            raise ResetNeeded("expected a call of reset first, the environment was never reset")
+
+    def _draw_poses(self, wall: Side | None) -> np.ndarray:
+        """Where the robots begin (R, 3) [m, m, rad]."""
+        if self._teacher is not None:
+            return following_poses(self.arena, self.np_random, self._teacher.side)
+        if wall is not None:
+            return wall_pose(self.arena, self.np_random, wall)[None]
+        return open_pose(self.arena, self.np_random)[None]
+
+    def _perceive(self, robot: int) -> np.ndarray:
+        """A robot's noisy readings (6,) float32."""
+        truth = self._physics.infrared(robot)
+        noisy = truth + self._noise * self.np_random.standard_normal(len(truth))
+        return np.clip(noisy, 0.0, 1.0).astype(np.float32)
+
+    def _describe(self, before: np.ndarray) -> dict[str, Any]:
+        """The truth about the learner, `before` being its pose one step ago."""
+        poses, wall = self._physics.poses, self._physics.nearest_wall(LEARNER)
+        pose = poses[LEARNER]
+        ahead = np.array([math.cos(pose[2]), math.sin(pose[2])])
+        towards = wall.direction
+        moved = pose[:2] - before[:2]
+        is_left = ahead[0] * towards[1] - ahead[1] * towards[0] > 0
+        info = {
+            "pose": pose,
+            "wall_distance": wall.distance,
+            "wall_side": 0 if wall.distance > NEAR else 1 if is_left else -1,
+            "progress": abs(float(moved[1] * towards[0] - moved[0] * towards[1])),
+            "contact": self._physics.touches(LEARNER),
+        }
+        if self._teacher is not None:
+            info["teacher_pose"] = poses[TEACHER]
+        return info
+
+
+def _energy(info: dict[str, Any]) -> float:
+    """The wall energy of one step, from 0 to 1."""
+    off = (info["wall_distance"] - WALL_DISTANCE) / ENERGY_WIDTH
+    return math.exp(-0.5 * off * off) * min(1.0, info["progress"] / (CRUISE * CONTROL_TIMESTEP))
+
+
+def _check_arguments(
+    render_mode: str | None,
+    teacher: str | None,
+    noise_scale: float,
+    camera: str,
+    width: int,
+    height: int,
+) -> None:
+    """Refuses what the environment cannot be built with."""
+    if render_mode not in (None, "rgb_array"):
+        raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+    if teacher not in (None, "left", "right"):
+        raise ValueError(f"teacher must be None, 'left' or 'right', got {teacher!r}")
+    if not 0 <= noise_scale < math.inf:
+        raise ValueError(f"noise_scale must be finite and at least 0, got {noise_scale}")
+    if camera not in CAMERAS:
+        raise ValueError(f"camera must be one of {CAMERAS}, got {camera!r}")
+    if not (0 < width <= MAX_WIDTH and 0 < height <= MAX_HEIGHT):
+        raise ValueError(
+            f"width and height must be within {MAX_WIDTH} x {MAX_HEIGHT}, got {width} x {height}"
+        )
+
+
+def _wanted_wall(options: dict[str, Any] | None) -> Side | None:
+    """The side of the wall to begin beside, or a ValueError."""
+    wanted = dict(options or {})
+    wall = wanted.pop("wall", None)
+    if wanted or wall not in (None, "left", "right"):
+        raise ValueError(f"options must be {{'wall': 'left' or 'right'}} or none, got {options!r}")
+    return wall
+
+
+def _checked(name: str, value: np.ndarray) -> np.ndarray:
+    """The value as float64 (2,), or a ValueError."""
+    expected = f"{name} must be 2 finite numbers"
+    try:
+        numbers = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{expected}, got {value!r}") from error
+    if numbers.shape != (2,):
+        raise ValueError(f"{expected}, got shape {numbers.shape}")
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{expected}, got {value!r}")
+    return numbers
