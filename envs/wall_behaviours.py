@@ -20,21 +20,22 @@ CRUISE = 0.06  # [m/s] speed of teacher and wanderer
 MAX_TURN = 1.8  # [rad/s]
 
 SIDE_TARGET, DIAGONAL_TARGET = 0.58, 0.2  # readings at ±90° and ±45° of a robot along a wall
-FRONT_LIMIT = 0.2  # reading at ±12° above which the teacher turns in place
-_SIDE_GAIN, _DIAGONAL_GAIN = 2.2, 2.5  # [rad/s] per unit of reading
+FRONT_LIMIT = 0.35  # reading at ±12° above which the teacher turns in place
+_SIDE_GAIN, _DIAGONAL_GAIN, _FRONT_GAIN = 2.2, 2.5, 6.0  # [rad/s] per unit of reading
+_MAX_TURN_IN = 1.26  # [rad/s] towards the wall: round an edge at 4.8 cm
 
 GAP = 0.13  # [m] along the trail between the teacher and its follower
 WALL_DISTANCE = 0.026  # [m] from the rim that a wall follower settles at
 _LOOK_AHEAD = 0.03  # [m] along the trail
 _CRUMB = 0.004  # [m] between two points of the trail
 
-AVOID_FRONT, AVOID_DIAGONAL = 0.4, 0.75  # readings above which a wanderer turns away
+AVOID_FRONT, AVOID_DIAGONAL = 0.5, 0.8  # readings above which a wanderer turns away
 _AVOID_SPEED = 0.012  # [m/s] while it does
-_TURN_SPREAD, _TURN_MEMORY = 0.4, 0.97  # [rad/s] and per step, of the wanderer's random turning
+_MEAN_RUN = 8  # [steps] for which a wanderer holds a turn
 
 
 class WallFollower:
-    """Keeps a wall at one side by proportional control on two readings.
+    """Keeps a wall at one side by proportional control on the readings of that side.
 
     Args:
         side: of the wall.
@@ -47,13 +48,15 @@ class WallFollower:
         """Wheel speeds (2,) [m/s] for six readings (6,), left to right."""
         to_the_wall = 1.0 if self.side == "left" else -1.0
         beside, diagonal, *front = infrared[:4] if self.side == "left" else infrared[:1:-1]
-        if max(front) > FRONT_LIMIT:
+        ahead = max(front)
+        if ahead > FRONT_LIMIT:
             return wheel_speeds(0.0, -to_the_wall * MAX_TURN)
-        too_far = _SIDE_GAIN * (SIDE_TARGET - beside) + _DIAGONAL_GAIN * (
-            DIAGONAL_TARGET - diagonal
+        turn = (
+            _SIDE_GAIN * (SIDE_TARGET - beside)
+            + _DIAGONAL_GAIN * (DIAGONAL_TARGET - diagonal)
+            - _FRONT_GAIN * ahead
         )
-        turn = float(np.clip(too_far, -MAX_TURN, MAX_TURN * 0.7))
-        return wheel_speeds(CRUISE, to_the_wall * turn)
+        return wheel_speeds(CRUISE, to_the_wall * float(np.clip(turn, -MAX_TURN, _MAX_TURN_IN)))
 
 
 class TrailFollower:
@@ -88,7 +91,11 @@ class TrailFollower:
 
 
 class Wanderer:
-    """A correlated random walk: drives on with slowly changing turns, and away from what is close.
+    """Runs and tumbles: holds a turn, mostly a gentle one, for a while; turns away from obstacles.
+
+    A run ends at each step with the same chance, so that it does not matter when it began. The next
+    turn is the largest times the cube of a uniform number: now and then a sharp one, from which a
+    forward model learns what those do.
 
     Args:
         rng: of its turns.
@@ -100,7 +107,7 @@ class Wanderer:
         self._away = 0.0  # [rad/s] while it turns away, else 0
 
     def take_over(self, wheels: NDArray[np.floating]) -> None:
-        """Makes the walk go on from how the robot moves, when something else has driven it.
+        """Makes the present motion, which something else began, the wanderer's own run.
 
         Args:
             wheels: speeds that it was driven with (2,) [m/s].
@@ -110,8 +117,9 @@ class Wanderer:
 
     def act(self, infrared: NDArray[np.floating]) -> NDArray[np.float64]:
         """Wheel speeds (2,) [m/s] for six readings (6,), left to right."""
-        innovation = math.sqrt(1 - _TURN_MEMORY**2) * _TURN_SPREAD * self._rng.standard_normal()
-        self._turn = float(np.clip(_TURN_MEMORY * self._turn + innovation, -MAX_TURN, MAX_TURN))
+        ends, way = self._rng.random(), self._rng.uniform(-1, 1)
+        if ends < 1 / _MEAN_RUN:
+            self._turn = MAX_TURN * way**3
         front, diagonal = max(infrared[2:4]), max(infrared[1], infrared[4])
         if front <= AVOID_FRONT and diagonal <= AVOID_DIAGONAL:
             self._away = 0.0

@@ -21,7 +21,7 @@ PATIENCE = 20
 _BATCH = 256  # smaller ones cost nearly as much each on a CPU
 _LEARNING_RATE = 1e-2
 _HALVED_AFTER = 10  # epochs without a lower validation loss; then the learning rate is halved
-_WEIGHT_DECAY = 1e-4
+_WEIGHT_DECAY = 0.1
 
 Progress = Callable[[int, float, float], None]
 """Called after each epoch with its number (from 1), training loss and validation loss."""

@@ -39,6 +39,8 @@ from pacnet.validation import check_fields, check_rows, is_integer
 _NORMALISERS = (
     "state_mean", "state_std", "action_mean", "action_std", "change_mean", "change_std",
 )  # fmt: skip
+_RANGE = ("state_low", "state_high")
+_UNBOUNDED = torch.finfo(torch.float32).max
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,9 @@ class MLPForwardModelConfig:
 class MLPForwardModel(nn.Module):
     """Predicts the change of the state; chooses the action predicted to come nearest to a target.
 
+    A predicted state stays within the range of the states that the model was fitted to: beyond it
+    nothing is known, and going on from there over several steps would lead farther and farther out.
+
     Untrained it runs, with unit normalisers and random weights. States, actions and targets have
     the dtype of the weights; the normalisers stay float64 whatever the module is cast to.
 
@@ -102,6 +107,8 @@ class MLPForwardModel(nn.Module):
     action_std: Tensor
     change_mean: Tensor
     change_std: Tensor
+    state_low: Tensor  # float64 [S], of the range
+    state_high: Tensor
 
     def __init__(self, config: MLPForwardModelConfig, *, seed: int = 0) -> None:
         super().__init__()
@@ -113,6 +120,9 @@ class MLPForwardModel(nn.Module):
             width = widths.get(name.split("_")[0], config.state_dimensions)
             start = torch.zeros if name.endswith("mean") else torch.ones
             self.register_buffer(name, start(width, dtype=torch.float64))
+        for name, bound in zip(_RANGE, (-_UNBOUNDED, _UNBOUNDED), strict=True):
+            start = torch.full((config.state_dimensions,), bound, dtype=torch.float64)
+            self.register_buffer(name, start)
 
     @property
     def action_dimensions(self) -> int:
@@ -270,8 +280,9 @@ class MLPForwardModel(nn.Module):
         return (change * self.change_std + self.change_mean).to(states.dtype)
 
     def _after(self, states: Tensor, actions: Tensor) -> Tensor:
+        low, high = self.state_low.to(states.dtype), self.state_high.to(states.dtype)
         for _ in range(self.config.steps):
-            states = states + self._change(states, actions)
+            states = (states + self._change(states, actions)).clamp(low, high)
         return states
 
     def _inputs(self, states: Tensor, actions: Tensor) -> Tensor:
@@ -294,6 +305,9 @@ class MLPForwardModel(nn.Module):
             mean, std = mean_and_std(rows[learning])  # of those held out nothing is known
             self.get_buffer(f"{name}_mean").copy_(mean)
             self.get_buffer(f"{name}_std").copy_(std)
+        states = torch.cat([inputs[0], inputs[0] + changes])
+        self.state_low.copy_(states.amin(dim=0))
+        self.state_high.copy_(states.amax(dim=0))
         x = self._inputs(*inputs)
         y = ((changes - self.change_mean) / self.change_std).to(x.dtype)
         trained = train(
@@ -309,7 +323,7 @@ class MLPForwardModel(nn.Module):
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> MLPForwardModel:
         """What `to`, `float` and their like call: normalisers move between devices, undegraded."""
-        exact = {name: self.get_buffer(name) for name in _NORMALISERS}
+        exact = {name: self.get_buffer(name) for name in (*_NORMALISERS, *_RANGE)}
         super()._apply(fn, recurse)
         for name, buffer in exact.items():
             moved = self.get_buffer(name)

@@ -524,3 +524,16 @@ def test_a_model_that_means_nothing_does_not_replace_a_good_one(tmp_path):
     with pytest.raises(ValueError, match=r"expected finite network.0.bias"):
         model.save_pretrained(tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == files
+
+
+def test_a_held_action_never_leads_beyond_the_states_that_were_seen():
+    generator = torch.Generator().manual_seed(0)
+    states = torch.rand(500, 1, generator=generator)  # a robot between two walls, at 0 and at 1
+    actions = torch.rand(500, 1, generator=generator) - 0.5
+    config = MLPForwardModelConfig(1, 1, candidates=((-0.5,), (0.5,)), steps=9)
+    model = MLPForwardModel(config)
+    model.fit(states, actions, (states + actions).clamp(0, 1), seed=0)
+    predicted = model.predict(torch.tensor([[0.5], [0.5]]), torch.tensor([[0.5], [-0.5]]))
+    assert predicted.flatten().tolist() == pytest.approx([1.0, 0.0], abs=0.02)
+    assert predicted.min() >= model.state_low.item() >= 0
+    assert predicted.max() <= model.state_high.item() <= 1

@@ -53,6 +53,16 @@ class LearningLog:
         for name, value in scalars.items():
             self._writer.add_scalar(name, value, self._samples)
 
+    def losses(self, losses: Sequence[tuple[float, float]]) -> None:
+        """Learning curves of a fit.
+
+        Args:
+            losses: training and validation loss after each epoch.
+        """
+        for epoch, (train_loss, validation_loss) in enumerate(losses, start=1):
+            self._writer.add_scalar("fit/train_loss", train_loss, epoch)
+            self._writer.add_scalar("fit/validation_loss", validation_loss, epoch)
+
     def scores(self, scores: Mapping[str, float | int]) -> None:
         """The run's final scores."""
         for name, value in scores.items():

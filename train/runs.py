@@ -21,13 +21,15 @@ from pacnet import PACNet
 _PACKAGES = ("pacnet", "torch", "numpy", "mujoco", "dm-control", "gymnasium", "lerobot")
 
 
-def make_parser(module: str, description: str | None, episodes: int) -> argparse.ArgumentParser:
+def make_parser(
+    module: str, description: str | None, episodes: int | None = None
+) -> argparse.ArgumentParser:
     """A parser with the arguments that every script has.
 
     Args:
         module: as in `python -m MODULE`.
         description: of the script.
-        episodes: default number of recall episodes.
+        episodes: default number of recall episodes; None for a script without any.
     """
     parser = argparse.ArgumentParser(
         prog=f"python -m {module}",
@@ -35,9 +37,10 @@ def make_parser(module: str, description: str | None, episodes: int) -> argparse
         formatter_class=_HelpFormatter,
     )
     parser.add_argument("--seed", type=natural, default=0, help="decides every draw of the run")
-    parser.add_argument(
-        "--episodes", type=positive, default=episodes, help="new episodes to recall and score"
-    )
+    if episodes is not None:
+        parser.add_argument(
+            "--episodes", type=positive, default=episodes, help="new episodes to recall and score"
+        )
     parser.add_argument("--runs", default="runs", help="folder of all runs")
     return parser
 
@@ -60,6 +63,11 @@ def factor(text: str) -> float:
 def threshold(text: str) -> float:
     """An argument that is a number in (0, 1)."""
     return _number(text, math.ulp(0.0), 1 - 2**-53, "a number in (0, 1)")
+
+
+def arena(text: str) -> str | int:
+    """An argument that is "paper" or the seed of an arena."""
+    return text if text == "paper" else natural(text)
 
 
 def make_run_folder(name: str, seed: int, runs: str | Path = "runs") -> Path:

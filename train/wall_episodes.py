@@ -237,9 +237,9 @@ def act_alone(
     return _wall_run(rows)
 
 
-def alone_seed(seed: int, condition: str) -> int:
-    """Seed of a run's episode alone in a condition; equal names begin at the same place."""
-    return seeds_for(seed, _ALONE, 1, *condition.encode())[0]
+def alone_seed(seed: int) -> int:
+    """Seed of a run's episodes alone: they all begin at the same place."""
+    return seeds_for(seed, _ALONE, 1)[0]
 
 
 def following_seeds(seed: int, count: int) -> list[int]:
@@ -247,9 +247,9 @@ def following_seeds(seed: int, count: int) -> list[int]:
     return seeds_for(seed, _FOLLOWING, count)
 
 
-def seeds_for(seed: int, purpose: int, count: int, *more: int) -> list[int]:
+def seeds_for(seed: int, purpose: int, count: int) -> list[int]:
     """Independent seeds drawn from a run's."""
-    return np.random.SeedSequence([seed, purpose, *more]).generate_state(count).tolist()
+    return np.random.SeedSequence([seed, purpose]).generate_state(count).tolist()
 
 
 def _wall_run(rows: list[dict[str, Any]]) -> WallRun:

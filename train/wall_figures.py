@@ -173,7 +173,7 @@ def calibration(predicted: ArrayLike, true: ArrayLike, names: Sequence[str]) -> 
     """True against predicted change of each sensor: means and spread over bins of the predicted.
 
     Bins of one width span the predicted changes; those of fewer than 10 samples are not drawn.
-    R² of a panel's title is over all samples.
+    R² of a panel's title is over all samples and against persistence, which predicts no change.
 
     Args:
         predicted: Predicted change of each sensor [T, S].
@@ -319,11 +319,11 @@ def _draw_bins(axes: Axes, guess: NDArray, truth: NDArray) -> None:
 
 
 def _r_squared(guess: NDArray, truth: NDArray) -> str:
-    """Share of the truth's variance that the guess explains, as text."""
-    variation = ((truth - truth.mean()) ** 2).sum()
-    if variation == 0:
+    """Share of the change explained, against predicting none."""
+    change = (truth**2).sum()
+    if change == 0:
         return "undefined"
-    return f"{1 - ((truth - guess) ** 2).sum() / variation:.2f}"
+    return f"{1 - ((truth - guess) ** 2).sum() / change:.2f}"
 
 
 def _draw_bars(axes: Axes, values: NDArray[np.float64], colour: str) -> None:

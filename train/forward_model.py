@@ -1,0 +1,137 @@
+"""Learns a forward model for Experiment 2: what turning its wheels does to a robot's infra-red.
+
+Wanders alone, records the transitions as a LeRobot dataset, fits the model to the dataset, writes a
+checkpoint, loads it, and scores it on new wandering in an arena that it never saw. Scores, figures
+and a tensorboard log go into `runs/forward_model/<time>-seed<N>/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from envs.khepera import INFRARED_NAMES
+from pacnet import MLPForwardModel
+from pacnet.fitting import r2_of_change
+from train.learning_log import LearningLog
+from train.runs import (
+    arena,
+    command_line,
+    make_parser,
+    positive,
+    run_folder,
+    save_figures,
+    write_metrics,
+)
+from train.wall_episodes import UNSEEN_ARENAS, Transitions, wander
+from train.wall_figures import calibration, fit_curves
+from train.wall_learning import (
+    TRANSITIONS,
+    fit,
+    load_wandering,
+    make_forward_model,
+    record_wandering,
+)
+
+TEST_STEPS = 3000  # of wandering in another arena
+
+
+class Predictions(NamedTuple):
+    """What a model says of transitions, beside what happened."""
+
+    predicted: Tensor  # change of the readings [T, 6]
+    true: Tensor  # [T, 6]
+
+
+def parse_arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = make_parser("train.forward_model", __doc__)
+    parser.add_argument(
+        "--arena", type=arena, default="paper", help="to wander in: paper, or a seed that draws one"
+    )
+    parser.add_argument(
+        "--transitions", type=positive, default=TRANSITIONS, help="steps of wandering to learn from"
+    )
+    arguments = parser.parse_args()
+    if arguments.transitions < 200:
+        parser.error(f"argument --transitions: expected ≥ 200, got {arguments.transitions}")
+    return arguments
+
+
+def predict(model: MLPForwardModel, wandering: Transitions) -> Predictions:
+    """The change of the readings in one step, on every transition."""
+    percepts, actions = map(torch.from_numpy, wandering)
+    with torch.no_grad():
+        predicted = model(percepts[:-1], actions[:-1])
+    return Predictions(predicted, percepts[1:] - percepts[:-1])
+
+
+def score(model: MLPForwardModel, wandering: Transitions) -> dict[str, float]:
+    """R² of the change against persistence: of each sensor in one step, and of their mean."""
+    r2 = r2_of_change(*reversed(predict(model, wandering)))
+    scores = {f"r2_{name}": float(value) for name, value in zip(INFRARED_NAMES, r2, strict=True)}
+    return {"r2_mean": float(r2.mean()), **scores}
+
+
+def main() -> None:
+    """Wander, fit, score, show."""
+    arguments = parse_arguments()
+    with run_folder("forward_model", arguments.seed, arguments.runs) as folder:
+        run(arguments, folder)
+
+
+def run(arguments: argparse.Namespace, folder: Path) -> None:
+    """One run, from wandering to scores."""
+    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    seed = arguments.seed
+    record_wandering(folder / "dataset", arguments.arena, seed, arguments.transitions)
+    wandering = load_wandering(folder / "dataset")
+
+    model = make_forward_model(seed)
+    report, losses = fit(model, wandering, seed)
+    model.save_pretrained(folder / "checkpoint")
+
+    model = MLPForwardModel.from_pretrained(folder / "checkpoint")
+    unseen = wander(UNSEEN_ARENAS + seed, TEST_STEPS, seed)
+    scores = {
+        "transitions": arguments.transitions,
+        "epochs": report.epochs,
+        **score(model, unseen),
+        "r2_validation_mean": float(report.r2.mean()),
+    }
+    command = command_line("train.forward_model", arguments)
+    write_metrics(folder / "metrics.json", command, seed, scores)
+    figures = {
+        "calibration": calibration(*predict(model, unseen), INFRARED_NAMES),
+        "fit": fit_curves(*losses.T),
+    }
+    save_figures(folder / "figures", figures)
+    _log(folder, losses, scores)
+    _print(folder, scores)
+
+
+def _log(folder: Path, losses: Tensor, scores: dict[str, float]) -> None:
+    with LearningLog(folder / "tensorboard") as log:
+        log.losses(losses.tolist())
+        log.scores(scores)
+        for picture in sorted((folder / "figures").iterdir()):
+            log.picture(picture.stem, picture)
+
+
+def _print(folder: Path, scores: dict[str, float]) -> None:
+    print("\nShare of the change of each reading explained, in an arena never seen (R²; 0 is")
+    print("persistence, which predicts no change):")
+    for name in (*INFRARED_NAMES, "mean"):
+        print(f"  {name:10}{scores[f'r2_{name}']:6.2f}")
+    print(f"\nscores     {folder / 'metrics.json'}")
+    print(f"figures    {folder / 'figures'}")
+    print(f"model      {folder / 'checkpoint'}")
+    print(f"to browse  tensorboard --logdir {folder / 'tensorboard'}")
+
+
+if __name__ == "__main__":
+    main()

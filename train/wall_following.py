@@ -1,0 +1,158 @@
+"""Experiment 2: a robot learns to follow walls by following one that does, then does it alone.
+
+Wanders and fits a forward model, follows a teacher along left and right walls, records both as
+LeRobot datasets, learns from them, writes checkpoints, loads them, and lets the robot go alone:
+once for a long time, and once under each of several conditions that show what causes the behaviour.
+Scores, figures, a video and a tensorboard log go into `runs/wall_following/<time>-seed<N>/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import torch
+from tqdm import tqdm
+
+from envs.khepera import INFRARED_NAMES
+from pacnet import MLPForwardModel, PACNet
+from train.learning_log import LearningLog
+from train.runs import (
+    arena,
+    command_line,
+    make_parser,
+    positive,
+    run_folder,
+    save_figures,
+    write_metrics,
+)
+from train.wall_conditions import STEPS, Learned, replicates, run_conditions
+from train.wall_episodes import Place, Recalling, act_alone, alone_seed
+from train.wall_learning import (
+    TRANSITIONS,
+    fit,
+    load_episodes,
+    load_wandering,
+    make_forward_model,
+    make_network,
+    record_following,
+    record_wandering,
+    teach,
+)
+from train.wall_report import draw, draw_conditions, film, print_conditions
+from train.wall_scores import cluster_agreement, name_clusters, score_run, summarise
+
+
+def parse_arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = make_parser("train.wall_following", __doc__)
+    parser.add_argument(
+        "--arena", type=arena, default="paper", help="to learn in: paper, or a seed that draws one"
+    )
+    parser.add_argument(
+        "--steps", type=positive, default=30_000, help="of the long run alone, 0.1 s each"
+    )
+    parser.add_argument(
+        "--replicates",
+        type=positive,
+        default=1,
+        help="of the conditions; each further one learns everything anew from the next seed",
+    )
+    parser.add_argument(
+        "--condition-steps", type=positive, default=STEPS, help="of each condition's run"
+    )
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Wander, follow, learn, act alone, compare, show."""
+    arguments = parse_arguments()
+    with run_folder("wall_following", arguments.seed, arguments.runs) as folder:
+        run(arguments, folder)
+
+
+def run(arguments: argparse.Namespace, folder: Path) -> None:
+    """One run, from wandering to scores."""
+    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    with LearningLog(folder / "tensorboard") as log:
+        learned = learn(arguments.seed, arguments.arena, folder, log)
+        network = learned.network
+        recalled = _act_alone(learned, arguments.steps)
+
+        figures, scores = draw(network, learned.episodes, recalled, arguments.arena)
+        scores |= score_run(recalled)
+        names = name_clusters(network.sofm.prototypes.numpy())
+        scores["cluster_agreement"] = cluster_agreement(recalled, names)
+        save_figures(folder / "figures", figures)
+        film(network, arguments.arena, alone_seed(arguments.seed), folder)
+
+        summary = _compare(learned, arguments)
+        save_figures(folder / "figures", {"conditions": draw_conditions(summary)})
+        command = command_line("train.wall_following", arguments)
+        document = {**scores, "conditions": summary}
+        write_metrics(folder / "metrics.json", command, arguments.seed, document)
+
+        log.scores(scores)
+        log.projector(network.sofm, INFRARED_NAMES)
+        for picture in (*sorted((folder / "figures").iterdir()), folder / "recall.gif"):
+            log.picture(picture.stem, picture)
+    _print(folder, scores, summary)
+
+
+def learn(seed: int, where: str | int, folder: Path, log: LearningLog) -> Learned:
+    """Records, learns from the records, and loads what was saved."""
+    record_wandering(folder / "wandering", where, seed, TRANSITIONS)
+    wandering = load_wandering(folder / "wandering")
+    model = make_forward_model(seed)
+    _, losses = fit(model, wandering, seed)
+    log.losses(losses.tolist())
+    model.save_pretrained(folder / "forward_model")
+
+    record_following(folder / "dataset", where, seed)
+    episodes = load_episodes(folder / "dataset")
+    network = make_network(model)
+    teach(network, episodes, log)
+    network.save_pretrained(folder / "checkpoint")
+
+    model = MLPForwardModel.from_pretrained(folder / "forward_model")
+    network = PACNet.from_pretrained(folder / "checkpoint", model).eval()
+    return Learned(seed, where, wandering, episodes, network)
+
+
+def _act_alone(learned: Learned, steps: int) -> Any:
+    """The long run."""
+    with tqdm(total=steps, desc="alone", unit="step") as progress:
+        return act_alone(
+            Recalling(learned.network, learned.seed),
+            Place(learned.arena),
+            alone_seed(learned.seed),
+            steps,
+            lambda _: progress.update(),
+        )
+
+
+def _compare(learned: Learned, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Every condition over all replicates, of which what this run learned is the first."""
+    first = run_conditions(learned, arguments.condition_steps)
+    others = range(arguments.seed + 1, arguments.seed + arguments.replicates)
+    all_scores = [first]
+    if others:
+        all_scores += replicates(others, arguments.arena, arguments.condition_steps)
+    return {name: summarise([scores[name] for scores in all_scores]) for name in first}
+
+
+def _print(folder: Path, scores: dict[str, Any], summary: dict[str, Any]) -> None:
+    for name, value in scores.items():
+        print(f"{name:32}{value:>12.4f}" if isinstance(value, float) else f"{name:32}{value:>12}")
+    print_conditions(summary)
+    print(f"\nscores         {folder / 'metrics.json'}")
+    print(f"figures        {folder / 'figures'}")
+    print(f"video          {folder / 'recall.mp4'}")
+    print(f"network        {folder / 'checkpoint'}")
+    print(f"forward model  {folder / 'forward_model'}")
+    print(f"to browse      tensorboard --logdir {folder / 'tensorboard'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,178 @@
+"""What Experiment 2 learns: a forward model from wandering, a map with schemas from following."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+from tqdm import tqdm
+
+from envs.arena_scene import CONTROL_TIMESTEP
+from envs.khepera import INFRARED_NAMES, wheel_speeds
+from envs.wall_behaviours import CRUISE, MAX_TURN
+from pacnet import (
+    ForwardModel,
+    MLPForwardModel,
+    MLPForwardModelConfig,
+    MotorSchemasConfig,
+    PACNet,
+    PACNetConfig,
+    SOFMConfig,
+    targets_ahead,
+)
+from pacnet.demonstration_writer import DemonstrationWriter
+from pacnet.demonstrations import Demonstrations, load_demonstrations
+from pacnet.fitting import MAX_EPOCHS, FitReport
+from train.learning_log import LearningLog
+from train.wall_episodes import TAUGHT_SIDES, Transitions, follow, following_seeds, shares, wander
+
+FPS = round(1 / CONTROL_TIMESTEP)  # [1/s]
+WHEEL_NAMES = ("left_wheel", "right_wheel")
+FEATURES = {"observation.state": INFRARED_NAMES, "action": WHEEL_NAMES}
+ROBOT = "khepera"
+
+TRANSITIONS = 5000  # [steps] of wandering
+EPISODES_A_SIDE, EPISODE_STEPS = 4, 750  # of following
+LEAD = 5  # [steps] that a target lies ahead, and for which the forward model holds an action
+NOVELTY_THRESHOLD = 0.7
+NEAREST_CUES = 50  # over which a target is averaged
+ABSTAIN_BELOW = 0.03  # spread of the predicted readings under which actions are all the same
+TURNS = np.linspace(-MAX_TURN, MAX_TURN, 21)  # [rad/s] of the candidate actions
+CHUNK = 50  # samples learned between two points of the learning curves
+
+
+class Episode(NamedTuple):
+    """One episode of following."""
+
+    percepts: Tensor  # [T, 6]
+    actions: Tensor  # [T, 2]
+    side: int  # index into TAUGHT_SIDES
+
+
+def task_of(side: str) -> str:
+    """What a following episode is called in the dataset."""
+    return f"follow the {side} wall"
+
+
+def record_wandering(folder: Path, arena: str | int, seed: int, steps: int) -> None:
+    """Wanders, and writes the transitions as one episode of a LeRobot dataset."""
+    with DemonstrationWriter(folder, FPS, FEATURES, ROBOT) as writer:
+        writer.save_episode("wander", _frames(wander(arena, steps, seed)))
+
+
+def record_following(folder: Path, arena: str | int, seed: int) -> None:
+    """Follows the teacher along left walls, then along right ones, into a LeRobot dataset."""
+    total = len(TAUGHT_SIDES) * EPISODES_A_SIDE * EPISODE_STEPS
+    with (
+        DemonstrationWriter(folder, FPS, FEATURES, ROBOT) as writer,
+        tqdm(total=total, desc="following", unit="step") as progress,
+    ):
+        for number, episode_seed in enumerate(_seeds(seed)):
+            side = TAUGHT_SIDES[number // EPISODES_A_SIDE]
+            followed = follow(arena, side, episode_seed, EPISODE_STEPS, progress.update)
+            writer.save_episode(task_of(side), _frames(followed))
+
+
+def load_episodes(folder: Path) -> list[Episode]:
+    """The episodes that `record_following` wrote."""
+    side_of = {task_of(side): index for index, side in enumerate(TAUGHT_SIDES)}
+    return [
+        Episode(episode.percepts, episode.action, side_of[episode.task])
+        for episode in _load(folder)
+    ]
+
+
+def follow_both_sides(arena: str | int, seed: int) -> list[Episode]:
+    """The same episodes without a dataset."""
+    episodes = []
+    for number, episode_seed in enumerate(_seeds(seed)):
+        side = number // EPISODES_A_SIDE
+        followed = follow(arena, TAUGHT_SIDES[side], episode_seed, EPISODE_STEPS)
+        episodes.append(Episode(*map(torch.from_numpy, followed), side))
+    return episodes
+
+
+def candidate_actions(speeds: Sequence[float] = (CRUISE,)) -> tuple[tuple[float, ...], ...]:
+    """Every turn at every speed [m/s], as actions of the environment."""
+    wheels = [wheel_speeds(speed, turn) for speed in speeds for turn in TURNS]
+    return tuple(tuple(shares(pair).tolist()) for pair in wheels)
+
+
+def make_forward_model(seed: int, speeds: Sequence[float] = (CRUISE,)) -> MLPForwardModel:
+    """An unfitted forward model for this robot, its weights drawn from the seed."""
+    config = MLPForwardModelConfig(
+        state_dimensions=len(INFRARED_NAMES),
+        action_dimensions=len(WHEEL_NAMES),
+        candidates=candidate_actions(speeds),
+        steps=LEAD,
+        abstain_below=ABSTAIN_BELOW,
+    )
+    return MLPForwardModel(config, seed=seed)
+
+
+def fit(model: MLPForwardModel, wandering: Transitions, seed: int) -> tuple[FitReport, Tensor]:
+    """Fits a forward model to wandering.
+
+    Returns:
+        The report, and training and validation loss after each epoch `[E, 2]`.
+    """
+    percepts, actions = map(torch.from_numpy, wandering)
+    losses = []
+    with tqdm(total=MAX_EPOCHS, desc="fitting", unit="epoch") as progress:
+
+        def note(_: int, train_loss: float, validation_loss: float) -> None:
+            losses.append((train_loss, validation_loss))
+            progress.update()
+
+        report = model.fit(percepts[:-1], actions[:-1], percepts[1:], seed=seed, progress=note)
+        progress.total = progress.n  # it stopped early: that is all there was to do
+    return report, torch.tensor(losses)
+
+
+def make_network(forward_model: ForwardModel, targets: int = len(INFRARED_NAMES)) -> PACNet:
+    """An untaught network for this experiment.
+
+    Args:
+        forward_model: to act with.
+        targets: length of a target: readings, or wheel speeds.
+    """
+    percepts = len(INFRARED_NAMES)
+    attention = SOFMConfig.paper(percepts, novelty_threshold=NOVELTY_THRESHOLD)
+    schemas = MotorSchemasConfig(targets, percepts, nearest_cues=NEAREST_CUES)
+    return PACNet(PACNetConfig(attention, schemas), forward_model)
+
+
+def teach(network: PACNet, episodes: Sequence[Episode], log: LearningLog | None = None) -> None:
+    """The learning phase: all that was seen along walls of one side is one learning episode."""
+    total = sum(len(episode.percepts) for episode in episodes)
+    with tqdm(total=total, desc="learning", unit="sample") as progress:
+        for episode in episodes:
+            targets = targets_ahead(episode.percepts, LEAD)
+            for seen, aim in zip(episode.percepts.split(CHUNK), targets.split(CHUNK), strict=True):
+                observed = network.observe(seen, aim, episode.side)
+                if log is not None:
+                    log.observed(network.sofm, observed)
+                progress.update(len(seen))
+    network.eval()
+
+
+def load_wandering(folder: Path) -> Transitions:
+    """The transitions that `record_wandering` wrote."""
+    (episode,) = _load(folder)
+    return Transitions(episode.percepts.numpy(), episode.action.numpy())
+
+
+def _load(folder: Path) -> Demonstrations:
+    return load_demonstrations(folder, environment_state=None)
+
+
+def _seeds(seed: int) -> list[int]:
+    return following_seeds(seed, len(TAUGHT_SIDES) * EPISODES_A_SIDE)
+
+
+def _frames(transitions: Transitions) -> dict[str, np.ndarray]:
+    return {"observation.state": transitions.percepts, "action": transitions.actions}
