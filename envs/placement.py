@@ -1,4 +1,4 @@
-"""Where robots begin: in the open, beside a wall, or one behind another along a wall."""
+"""Where robots begin: in the open, one behind another in the open, or beside a wall."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from envs.wall_behaviours import GAP, WALL_DISTANCE, Side
 
 OPEN_CLEARANCE = 0.06  # [m] from the rim to the nearest wall of a robot in the open
 _TOLERANCE = 0.006  # [m] by which a robot beside a wall may be nearer or farther
+_APPROACH, _GRAZING = 0.07, math.radians(25)  # [m] [rad] of a robot that will meet a wall
+_ROOM = 0.06  # [m] along the wall before a robot that begins beside it
 _TRIES = 100_000
 
 
@@ -30,6 +32,28 @@ def open_pose(arena: Arena, rng: np.random.Generator) -> NDArray[np.float64]:
     raise AssertionError(f"no open place in {arena}")
 
 
+def following_poses(arena: Arena, rng: np.random.Generator, side: Side) -> NDArray[np.float64]:
+    """Poses in the open of a robot and of another straight ahead of it, (2, 3) [m, m, rad].
+
+    Both are on the way to a wall, which they will meet on the wanted side.
+
+    Args:
+        arena: where.
+        rng: of the place along the walls.
+        side: on which they will meet the wall.
+    """
+    for _ in range(_TRIES):
+        x, y, turn = wall_pose(arena, rng, side)
+        to_the_wall = 1 if side == "left" else -1
+        outwards = turn - to_the_wall * math.pi / 2
+        start = np.array([x, y]) + _APPROACH * np.array([math.cos(outwards), math.sin(outwards)])
+        turn += to_the_wall * _GRAZING
+        way = _way(start, np.array([math.cos(turn), math.sin(turn)]), -GAP)
+        if (arena.clearance(way) >= RADIUS + OPEN_CLEARANCE).all():
+            return np.array([[*way[-1], turn], [*way[0], turn]])
+    raise AssertionError(f"no open way to a wall in {arena}")
+
+
 def wall_pose(arena: Arena, rng: np.random.Generator, side: Side) -> NDArray[np.float64]:
     """A pose along a wall, at the distance that a wall follower keeps (3,) [m, m, rad].
 
@@ -37,20 +61,6 @@ def wall_pose(arena: Arena, rng: np.random.Generator, side: Side) -> NDArray[np.
         arena: where.
         rng: of the place along the walls.
         side: of the wall, as the robot sees it.
-    """
-    return following_poses(arena, rng, side, gap=0.0)[0]
-
-
-def following_poses(
-    arena: Arena, rng: np.random.Generator, side: Side, gap: float = GAP
-) -> NDArray[np.float64]:
-    """Poses of a robot along a wall and of another ahead of it along the same wall (2, 3).
-
-    Args:
-        arena: where.
-        rng: of the place along the walls.
-        side: of the wall, as the robots see it.
-        gap: between their centres [m].
     """
     outlines = [obstacle.outline for obstacle in arena.obstacles]
     distance = RADIUS + WALL_DISTANCE
@@ -61,9 +71,14 @@ def following_poses(
         along /= np.linalg.norm(along)
         outwards = np.array([along[1], -along[0]])  # outlines run anticlockwise
         heading = along if side == "left" else -along
-        place = outline[start] + distance * outwards
-        way = place + np.linspace(0, gap, 10)[:, None] * heading
+        way = _way(outline[start] + distance * outwards, heading, _ROOM)
         if (np.abs(arena.clearance(way) - distance) <= _TOLERANCE).all():
-            turn = math.atan2(heading[1], heading[0])
-            return np.array([[*place, turn], [*way[-1], turn]])
+            return np.array([*way[0], math.atan2(heading[1], heading[0])])
     raise AssertionError(f"no way along a wall in {arena}")
+
+
+def _way(
+    start: NDArray[np.float64], heading: NDArray[np.float64], length: float
+) -> NDArray[np.float64]:
+    """Ten places on a straight way (10, 2) [m]."""
+    return start + np.linspace(0, length, 10)[:, None] * heading

@@ -22,6 +22,8 @@ MAX_TURN = 1.8  # [rad/s]
 SIDE_TARGET, DIAGONAL_TARGET = 0.58, 0.2  # readings at ±90° and ±45° of a robot along a wall
 FRONT_LIMIT = 0.35  # reading at ±12° above which the teacher turns in place
 _SIDE_GAIN, _DIAGONAL_GAIN, _FRONT_GAIN = 2.2, 2.5, 6.0  # [rad/s] per unit of reading
+_SOMETHING = 0.06  # reading that is more than noise
+_SEARCH_AFTER = 30  # [steps] without any; a wall's end is rounded in 25
 _MAX_TURN_IN = 1.26  # [rad/s] towards the wall: round an edge at 4.8 cm
 
 GAP = 0.13  # [m] along the trail between the teacher and its follower
@@ -37,15 +39,22 @@ _MEAN_RUN = 8  # [steps] for which a wanderer holds a turn
 class WallFollower:
     """Keeps a wall at one side by proportional control on the readings of that side.
 
+    Where it has seen nothing for longer than it takes to round a wall's end, it drives straight
+    until it meets a wall.
+
     Args:
         side: of the wall.
     """
 
     def __init__(self, side: Side) -> None:
         self.side: Side = side
+        self._unseen = _SEARCH_AFTER  # [steps] since it saw anything
 
     def act(self, infrared: NDArray[np.floating]) -> NDArray[np.float64]:
         """Wheel speeds (2,) [m/s] for six readings (6,), left to right."""
+        self._unseen = 0 if max(infrared) > _SOMETHING else self._unseen + 1
+        if self._unseen >= _SEARCH_AFTER:
+            return wheel_speeds(CRUISE, 0.0)
         to_the_wall = 1.0 if self.side == "left" else -1.0
         beside, diagonal, *front = infrared[:4] if self.side == "left" else infrared[:1:-1]
         ahead = max(front)

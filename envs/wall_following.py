@@ -86,7 +86,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.draws_with_gl = True  # until it fails
         robots = ("learner",) if teacher is None else ("learner", "teacher")
         self._physics = ArenaPhysics.build(self.arena, robots)
-        self._teacher = None if teacher is None else WallFollower(teacher)
+        self._side, self._teacher = teacher, None
         self._noise = NOISE * noise_scale
         self._was_reset = False
         self.action_space = Box(-1.0, 1.0, shape=(2,), dtype=np.float32)
@@ -95,7 +95,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Puts the learner behind the teacher along a wall, or anywhere in the open.
+        """Puts the learner anywhere in the open; a teacher ahead of it, looking for a wall.
 
         Args:
             seed: decides places and noise.
@@ -108,9 +108,10 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ValueError: an unknown option, or a wall for a learner with a teacher.
         """
         wall = _wanted_wall(options)
-        if wall is not None and self._teacher is not None:
+        if wall is not None and self._side is not None:
             raise ValueError(f"options must be none with a teacher, who chooses, got {options!r}")
         super().reset(seed=seed, options=options)
+        self._teacher = None if self._side is None else WallFollower(self._side)
         self._physics.begin(self._draw_poses(wall))
         self._was_reset = True
         return self._perceive(LEARNER), self._describe(self._physics.poses[LEARNER])

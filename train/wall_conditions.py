@@ -229,8 +229,16 @@ def _constant_target(learned: Learned) -> PACNet:
 
 
 def _shuffled_targets(learned: Learned) -> PACNet:
+    """Every node has the targets of another, of which each of its cues gets one by chance."""
+    network = deepcopy(learned.network)
+    own, schemas = learned.network.schemas, network.schemas
     generator = torch.Generator().manual_seed(learned.seed)
-    return _with_targets(learned, lambda t: t[torch.randperm(len(t), generator=generator)])
+    nodes = own.lengths.nonzero().flatten()  # that have any
+    nodes = nodes[torch.randperm(len(nodes), generator=generator)]
+    for node, other in zip(nodes.tolist(), nodes.roll(1).tolist(), strict=True):
+        theirs, mine = own.targets(other), schemas.targets(node)  # views
+        mine.copy_(theirs[torch.randint(len(theirs), (len(mine),), generator=generator)])
+    return network
 
 
 def _mean_action(learned: Learned) -> PACNet:
