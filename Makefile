@@ -16,8 +16,9 @@ help:  ## list these commands
 
 setup: $(INSTALLED)  ## install everything into .venv
 
-demo: $(INSTALLED)  ## learn to drink by watching: the paper's first experiment
+demo: $(INSTALLED)  ## learn to drink by watching and to follow walls by following: both experiments
 	$(BIN)/python -m train.postural_imitation
+	$(BIN)/python -m train.wall_following
 
 test: $(INSTALLED)  ## run the fast tests
 	$(PYTEST) -m "not slow"
