@@ -86,7 +86,8 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.draws_with_gl = True  # until it fails
         robots = ("learner",) if teacher is None else ("learner", "teacher")
         self._physics = ArenaPhysics.build(self.arena, robots)
-        self._side, self._teacher = teacher, None
+        self._side: Side | None = teacher
+        self._teacher: WallFollower | None = None  # until reset
         self._noise = NOISE * noise_scale
         self._was_reset = False
         self.action_space = Box(-1.0, 1.0, shape=(2,), dtype=np.float32)

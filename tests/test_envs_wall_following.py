@@ -26,7 +26,7 @@ from envs.wall_following import WallFollowingEnv
 
 ENV_ID = "pacnet/WallFollowing-v0"
 EAST_WALL = 0.6  # [m] x of the inner face of the paper's arena
-GIVE = 0.012  # of the way made, by which the lateral servo yields to the force in a curve
+GIVE = 0.01  # of the way made, by which the lateral servo yields to the force in a curve
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +208,8 @@ def test_a_wall_stops_the_robot_and_is_felt(env):
     infos = [env.step_to([MAX_WHEEL_SPEED] * 2)[-1] for _ in range(20)]
     assert not infos[0]["contact"]
     assert all(info["contact"] for info in infos[5:])
-    assert abs(infos[-1]["wall_distance"]) < 1e-3
+    # Contacts are soft, and the wheels push with 20 N s/m x 0.12 m/s each.
+    assert -0.003 < infos[-1]["wall_distance"] < 0
     assert env.step_to([-0.06, -0.06])[-1]["wall_distance"] > 0.003
     assert not env.step_to([0.0, 0.0])[-1]["contact"]
 
@@ -323,14 +324,15 @@ def test_a_lone_learner_begins_in_the_open(env):
         assert info["wall_side"] == 0
 
 
-@pytest.mark.parametrize(("teacher", "side"), [("left", 1), ("right", -1)])
-def test_with_a_teacher_the_learner_begins_behind_it(teacher, side):
+@pytest.mark.parametrize("teacher", ["left", "right"])
+def test_with_a_teacher_the_learner_begins_behind_it_in_the_open(teacher):
     env = gymnasium.make(ENV_ID, teacher=teacher, arena=2).unwrapped
     _, info = env.reset(seed=1)
     heading = np.array([math.cos(info["pose"][2]), math.sin(info["pose"][2])])
     ahead = info["teacher_pose"][:2] - info["pose"][:2]
     np.testing.assert_allclose(ahead, 0.13 * heading, atol=1e-12)
-    assert info["wall_side"] == side
+    assert info["wall_side"] == 0
+    assert info["wall_distance"] >= 0.06
     before = info["teacher_pose"]
     after = env.step_to([0.0, 0.0])[-1]["teacher_pose"]
     assert np.linalg.norm(after[:2] - before[:2]) == pytest.approx(0.006, abs=0.001)

@@ -1,4 +1,4 @@
-"""Figures of wall following draw what they are given: places, colours by cluster, labels."""
+"""Figures of Experiment 2 draw what they are given: places, colours by cluster, labels."""
 
 import io
 
@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from pacnet.figures import BLUE, GREY, INK, VERMILION
 from train import wall_figures as figures
+from train.forward_model_figures import calibration, fit_curves
 from train.wall_scores import LEFT, NO_WALL, RIGHT
 
 RATIO = np.array([0.7, 0.25, 0.05])
@@ -18,6 +19,17 @@ SENSORS = ["+90°", "+45°", "+12°", "-12°", "-45°", "-90°"]
 TABLE = {
     "recall": {"wf": (0.9, 0.02), "tight": (0.8, 0.05)},
     "shuffled": {"wf": (0.6, 0.1), "tight": (0.4, 0.1)},
+}
+FIGURES = {
+    figure.__name__: figure
+    for figure in (
+        figures.clusters_on_components,
+        figures.activations_over_time,
+        figures.trajectory,
+        figures.conditions,
+        calibration,
+        fit_curves,
+    )
 }
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -57,7 +69,7 @@ def test_every_figure_renders_and_leaves_its_inputs_as_they_are(name):
     for value in arguments:
         if isinstance(value, np.ndarray):
             value.setflags(write=False)
-    figure = getattr(figures, name)(*arguments)
+    figure = FIGURES[name](*arguments)
     png = io.BytesIO()
     figure.savefig(png, format="png", dpi=40)
     assert png.getvalue().startswith(b"\x89PNG")
@@ -187,7 +199,7 @@ def bins_of(axes) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_perfect_model_lies_on_the_identity():
     change = cloud(2000, 6)
-    figure = figures.calibration(change, change, SENSORS)
+    figure = calibration(change, change, SENSORS)
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         f"{s}, R² 1.00" for s in SENSORS
     ]
@@ -202,29 +214,29 @@ def test_a_perfect_model_lies_on_the_identity():
 def test_calibration_shows_bias_spread_and_r_squared():
     predicted = np.repeat([[0.0], [1.0]], 50, axis=0)  # two bins of 50
     noise = np.tile([[-0.5], [0.5]], (50, 1))
-    (axes,) = figures.calibration(predicted, 2 * predicted + 1 + noise, ["front"]).axes
+    (axes,) = calibration(predicted, 2 * predicted + 1 + noise, ["front"]).axes
     middles, spread = bins_of(axes)
     np.testing.assert_allclose(middles, [[0, 1], [1, 3]])
     np.testing.assert_allclose(spread, 0.5)
-    # Of true 0.5, 1.5, 2.5, 3.5 the variance is 1.25; the mean squared error is
-    # (0.5^2 + 1.5^2 + 1.5^2 + 2.5^2) / 4 = 2.75: R² = 1 - 2.75 / 1.25 = -1.2
-    assert axes.get_title(loc="left") == "front, R² -1.20"
+    # Of true 0.5, 1.5, 2.5, 3.5 the mean square is 21 / 4, which is the error of persistence; that
+    # of the prediction is (0.5^2 + 1.5^2 + 1.5^2 + 2.5^2) / 4 = 11 / 4: R² = 1 - 11 / 21
+    assert axes.get_title(loc="left") == "front, R² 0.48"
 
 
 def test_bins_of_few_samples_are_not_drawn():
     predicted = np.array([[0.0]] * 10 + [[1.0]] * 9)
-    (axes,) = figures.calibration(predicted, predicted, ["front"]).axes
+    (axes,) = calibration(predicted, predicted, ["front"]).axes
     np.testing.assert_array_equal(bins_of(axes)[0], [[0, 0]])
 
 
 def test_a_sensor_that_never_changes_has_no_r_squared():
-    (axes,) = figures.calibration(np.zeros((20, 1)), np.zeros((20, 1)), ["front"]).axes
+    (axes,) = calibration(np.zeros((20, 1)), np.zeros((20, 1)), ["front"]).axes
     assert axes.get_title(loc="left") == "front, R² undefined"
 
 
 @pytest.mark.parametrize(("sensors", "panels"), [(1, 1), (4, 4), (6, 6)])
 def test_a_panel_for_each_sensor(sensors, panels):
-    figure = figures.calibration(cloud(50, sensors), cloud(50, sensors), SENSORS[:sensors])
+    figure = calibration(cloud(50, sensors), cloud(50, sensors), SENSORS[:sensors])
     assert len(figure.axes) == panels
 
 
@@ -257,7 +269,7 @@ def test_nothing_wanted_is_nothing_marked():
 
 def test_fit_curves_mark_the_epoch_of_the_least_validation_loss():
     train, validation = [0.9, 0.5, 0.3, 0.2], [1.0, 0.7, 0.65, 0.8]
-    (axes,) = figures.fit_curves(train, validation).axes
+    (axes,) = fit_curves(train, validation).axes
     curves = axes.lines
     np.testing.assert_array_equal(curves[0].get_xydata(), np.c_[[1, 2, 3, 4], train])
     np.testing.assert_array_equal(curves[1].get_xydata(), np.c_[[1, 2, 3, 4], validation])
@@ -297,13 +309,13 @@ def test_bad_input_is_refused(name, position, value, message):
     arguments = list(examples()[name])
     arguments[position] = value
     with pytest.raises(ValueError, match=message):
-        getattr(figures, name)(*arguments)
+        FIGURES[name](*arguments)
 
 
 def test_nothing_to_draw_is_refused():
     with pytest.raises(ValueError, match="one or more steps"):
         figures.trajectory([SQUARE], np.zeros((0, 3)), [], [])
     with pytest.raises(ValueError, match="one or more samples"):
-        figures.calibration(np.zeros((0, 6)), np.zeros((0, 6)), SENSORS)
+        calibration(np.zeros((0, 6)), np.zeros((0, 6)), SENSORS)
     with pytest.raises(ValueError, match="one or more epochs"):
-        figures.fit_curves([], [])
+        fit_curves([], [])

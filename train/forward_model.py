@@ -17,6 +17,7 @@ from torch import Tensor
 from envs.khepera import INFRARED_NAMES
 from pacnet import MLPForwardModel
 from pacnet.fitting import r2_of_change
+from train.forward_model_figures import calibration, fit_curves
 from train.learning_log import LearningLog
 from train.runs import (
     arena,
@@ -28,7 +29,6 @@ from train.runs import (
     write_metrics,
 )
 from train.wall_episodes import UNSEEN_ARENAS, Transitions, wander
-from train.wall_figures import calibration, fit_curves
 from train.wall_learning import (
     TRANSITIONS,
     fit,

@@ -13,32 +13,31 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
-from pacnet.figures import (
+from pacnet.figure_style import (
     BLUE,
+    GREEN,
     GREY,
     INK,
     LABEL_SIZE,
     VERMILION,
-    _array,
-    _component_axes,
-    _figure,
-    _label,
-    _number,
-    _tidy,
-    _winners,
+    component_axes,
+    edge_ends,
+    finite_array,
+    label_place,
+    new_figure,
+    number_places,
+    tidy,
+    winner_series,
 )
 from train.wall_scores import LEFT, NO_WALL, RIGHT, SIDES
 
-GREEN = "#009e73"
 COLOURS = {LEFT: BLUE, NO_WALL: GREY, RIGHT: VERMILION}  # of clusters, top to bottom
 SCORES = {"wf": "wf: 8–50 mm from a wall", "tight": "tight: 18–34 mm from a wall"}
 
 NUMBERED_NODES = 40  # most that can be told apart by their numbers
-CALIBRATION_BINS = 15
-BIN_SAMPLES = 10  # fewest that a mean and a spread are drawn of
 
 
 def clusters_on_components(
@@ -63,14 +62,12 @@ def clusters_on_components(
         ValueError: Arrays of other shapes, not finite, an edge to a node that is not there, or an
             unknown name.
     """
-    places = _array("nodes", nodes, (None, 2))
-    joined = _array("edges", edges, (None, 2)).astype(int)
-    points = _array("percepts", percepts, (None, 2))
+    places = finite_array("nodes", nodes, (None, 2))
+    joined = edge_ends(edges, len(places))
+    points = finite_array("percepts", percepts, (None, 2))
     clusters = _clusters(names, len(places))
-    if joined.size and (joined.min() < 0 or joined.max() >= len(places)):
-        raise ValueError(f"expected edges between nodes 0 to {len(places) - 1}, got {edges}")
     title = f"Clusters of the map ({len(places)} nodes, {len(joined)} edges)"
-    figure, axes = _component_axes(title, variance_ratio)
+    figure, axes = component_axes(title, variance_ratio)
     axes.scatter(*points.T, color=GREY, alpha=0.2, s=4, linewidths=0, zorder=1, rasterized=True)
     axes.add_collection(LineCollection(list(places[joined]), colors=INK, linewidths=1, zorder=2))
     for name, colour in COLOURS.items():
@@ -79,7 +76,7 @@ def clusters_on_components(
         axes.scatter(*own.T, color=colour, edgecolors="white", s=46, zorder=3, label=label)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     if len(places) <= NUMBERED_NODES:
-        _number(figure, axes, places)
+        number_places(figure, axes, places)
     return figure
 
 
@@ -97,7 +94,7 @@ def activations_over_time(winners: ArrayLike, names: Sequence[str], timestep: fl
         ValueError: Winners that are not integers [T] below N, an unknown name, or a timestep that
             is not positive.
     """
-    series, clusters = _winners(winners), _clusters(names, len(names))
+    series, clusters = winner_series(winners), _clusters(names, len(names))
     if not timestep > 0:
         raise ValueError(f"expected timestep > 0 [s], got {timestep}")
     if series.max(initial=-1) >= len(clusters):
@@ -107,10 +104,10 @@ def activations_over_time(winners: ArrayLike, names: Sequence[str], timestep: fl
     row_of = np.argsort(order)
     unmatched = bool((series < 0).any())
     height = min(0.17, 6 / max(len(order), 1)) * 72  # of a row [pt]
-    figure = _figure(9.5, 1.4 + max(len(order) + unmatched, 6) * height / 72)
+    figure = new_figure(9.5, 1.4 + max(len(order) + unmatched, 6) * height / 72)
     axes = figure.subplots()
     title = f"Winners in recall ({len(series):,} steps, {len(series) * timestep / 60:.3g} min)"
-    _tidy(axes, title, f"step of {timestep:g} s", "winning node")
+    tidy(axes, title, f"step of {timestep:g} s", "winning node")
     steps = np.arange(len(series))
     ticks = {"markersize": 0.8 * height, "markeredgewidth": 0.6, "rasterized": True}
     for name, group in groups.items():
@@ -138,10 +135,10 @@ def trajectory(
     Raises:
         ValueError: Arrays of other shapes, not finite, empty, or sides other than -1, 0 and 1.
     """
-    places = _array("poses", poses, (None, 3))[:, :2]
-    sides = _array("wall_side", wall_side, (len(places),))
-    recalled = _array("commanded", commanded, (len(places),)) != 0
-    outlines = [_array("walls", wall, (None, 2)) for wall in walls]
+    places = finite_array("poses", poses, (None, 3))[:, :2]
+    sides = finite_array("wall_side", wall_side, (len(places),))
+    recalled = finite_array("commanded", commanded, (len(places),)) != 0
+    outlines = [finite_array("walls", wall, (None, 2)) for wall in walls]
     if not len(places) or not np.isin(sides, list(SIDES.values())).all():
         raise ValueError(f"expected one or more steps with sides -1, 0 or 1, got {sides}")
     kinds = {
@@ -151,9 +148,9 @@ def trajectory(
         "recalled, wall on the right": (VERMILION, recalled & (sides == SIDES[RIGHT])),
     }
     extent = np.ptp(np.concatenate([places, *outlines]), axis=0)  # [m]
-    figure = _figure(7, 1.7 + 6.2 * np.clip(extent[1] / max(extent[0], 1e-9), 0.2, 1.3))
+    figure = new_figure(7, 1.7 + 6.2 * np.clip(extent[1] / max(extent[0], 1e-9), 0.2, 1.3))
     axes = figure.subplots()
-    _tidy(axes, f"Path of the robot ({len(places):,} steps)", "x [m]", "y [m]")
+    tidy(axes, f"Path of the robot ({len(places):,} steps)", "x [m]", "y [m]")
     for outline in outlines:
         axes.add_patch(Polygon(outline, closed=True, facecolor=INK, edgecolor=INK, linewidth=0.5))
     moves = np.stack([places[:-1], places[1:]], axis=1)  # [T - 1, 2, 2], into the second step on
@@ -166,40 +163,6 @@ def trajectory(
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.03)
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=LABEL_SIZE + 1)
-    return figure
-
-
-def calibration(predicted: ArrayLike, true: ArrayLike, names: Sequence[str]) -> Figure:
-    """True against predicted change of each sensor: means and spread over bins of the predicted.
-
-    Bins of one width span the predicted changes; those of fewer than 10 samples are not drawn.
-    R² of a panel's title is over all samples and against persistence, which predicts no change.
-
-    Args:
-        predicted: Predicted change of each sensor [T, S].
-        true: What it changed by [T, S].
-        names: Name of each sensor [S].
-
-    Raises:
-        ValueError: Arrays that are not [T ≥ 1, S ≥ 1], or not finite.
-    """
-    guesses = _array("predicted", predicted, (None, len(names)))
-    truths = _array("true", true, guesses.shape)
-    if not guesses.size:
-        raise ValueError(f"expected one or more samples and sensors, got {guesses.shape}")
-    columns = min(len(names), 3)
-    rows = -(-len(names) // columns)
-    figure = _figure(3.1 * columns + 0.4, 2.9 * rows + 0.5)
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for axes, name, guess, truth in zip(grid, names, guesses.T, truths.T, strict=False):
-        _tidy(axes, f"{name}, R² {_r_squared(guess, truth)}", "predicted change", "true change")
-        axes.label_outer()
-        axes.axline((0, 0), slope=1, color=GREY, linewidth=1, label="perfect")
-        _draw_bins(axes, guess, truth)
-    for axes in grid[len(names) :]:
-        axes.remove()
-    drawn = grid[0].get_legend_handles_labels()
-    figure.legend(*drawn, loc="outside lower center", ncols=2, frameon=False)
     return figure
 
 
@@ -222,11 +185,11 @@ def conditions(
         raise ValueError(f"expected conditions with {list(SCORES)} each, got {table}")
     if set(goals) - set(table):
         raise ValueError(f"expected wanted conditions out of {list(table)}, got {list(goals)}")
-    figure = _figure(9.5, 1.4 + 0.38 * len(table))
+    figure = new_figure(9.5, 1.4 + 0.38 * len(table))
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, (score, title), colour in zip(panels, SCORES.items(), (BLUE, GREEN), strict=True):
-        values = _array(score, [scores[score] for scores in table.values()], (None, 2))
-        _tidy(axes, title, "mean ± std", "")
+        values = finite_array(score, [scores[score] for scores in table.values()], (None, 2))
+        tidy(axes, title, "mean ± std", "")
         _draw_bars(axes, values, colour)
         least = np.array([goals.get(name, {}).get(score, np.nan) for name in table])
         rows = np.flatnonzero(np.isfinite(least))
@@ -237,37 +200,6 @@ def conditions(
     if goals:
         mark = Line2D([], [], color=INK, marker="|", linestyle="none", markersize=12)
         figure.legend([mark], ["wanted at least"], loc="outside lower center", frameon=False)
-    return figure
-
-
-def fit_curves(train_loss: ArrayLike, validation_loss: ArrayLike) -> Figure:
-    """Losses of a fit over its epochs, with the epoch of the least validation loss marked.
-
-    Args:
-        train_loss: Loss on the training part after each epoch, > 0 [E].
-        validation_loss: Loss on the part held out, > 0 [E].
-
-    Raises:
-        ValueError: Losses that are not [E ≥ 1], not finite or not positive.
-    """
-    trained = _array("train_loss", train_loss, (None,))
-    held_out = _array("validation_loss", validation_loss, (len(trained),))
-    if not len(trained) or min(trained.min(), held_out.min()) <= 0:
-        raise ValueError("expected losses > 0 of one or more epochs, got one ≤ 0 or none")
-    figure = _figure(7, 4)
-    axes = figure.subplots()
-    _tidy(axes, "Fit of the forward model", "epoch", "loss")
-    epochs, best = np.arange(1, len(trained) + 1), int(held_out.argmin())
-    axes.plot(epochs, trained, color=BLUE, label="training")
-    axes.plot(epochs, held_out, color=VERMILION, label="validation")
-    label = f"best epoch, {epochs[best]}: validation {held_out[best]:#.3g}"
-    axes.axvline(epochs[best], color=GREY, linewidth=5, alpha=0.4, zorder=0, label=label)
-    axes.set_yscale("log")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.legend(frameon=False)
     return figure
 
 
@@ -300,38 +232,12 @@ def _name_rows(axes: Axes, groups: Mapping[str, NDArray[np.int64]], unmatched: b
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
 
 
-def _draw_bins(axes: Axes, guess: NDArray, truth: NDArray) -> None:
-    """Mean and standard deviation of the truth in bins of the guess."""
-    borders = np.linspace(guess.min(), guess.max(), CALIBRATION_BINS + 1)
-    bin_of = np.digitize(guess, borders[1:-1])
-    members = [bin_of == index for index in range(CALIBRATION_BINS)]
-    full = [member for member in members if member.sum() >= BIN_SAMPLES]
-    axes.errorbar(
-        [guess[member].mean() for member in full],
-        [truth[member].mean() for member in full],
-        [truth[member].std() for member in full],
-        fmt="o",
-        color=BLUE,
-        markersize=4,
-        linewidth=1,
-        label="mean ± std",
-    )
-
-
-def _r_squared(guess: NDArray, truth: NDArray) -> str:
-    """Share of the change explained, against predicting none."""
-    change = (truth**2).sum()
-    if change == 0:
-        return "undefined"
-    return f"{1 - ((truth - guess) ** 2).sum() / change:.2f}"
-
-
 def _draw_bars(axes: Axes, values: NDArray[np.float64], colour: str) -> None:
     """A bar, a whisker and their numbers for each mean and standard deviation [C, 2]."""
     means, stds = values.T
     rows = np.arange(len(values))
     axes.barh(rows, means, 0.6, xerr=stds, color=colour, error_kw={"ecolor": INK, "capsize": 2})
     for row, (mean, std) in enumerate(values):
-        _label(axes, f"{mean:.2f} ± {std:.2f}", (mean + std, row), (6, 0))
+        label_place(axes, f"{mean:.2f} ± {std:.2f}", (mean + std, row), (6, 0))
     axes.set_xlim(0, max(1.25, 1.3 * (means + stds).max()))
     axes.set_xticks(np.linspace(0, 1, 6))
