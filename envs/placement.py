@@ -14,7 +14,6 @@ from envs.wall_behaviours import GAP, WALL_DISTANCE, Side
 OPEN_CLEARANCE = 0.06  # [m] from the rim to the nearest wall of a robot in the open
 _TOLERANCE = 0.006  # [m] by which a robot beside a wall may be nearer or farther
 _APPROACH, _GRAZING = 0.07, math.radians(25)  # [m] [rad] of a robot that will meet a wall
-_ROOM = 0.06  # [m] along the wall before a robot that begins beside it
 _TRIES = 100_000
 
 
@@ -43,7 +42,7 @@ def following_poses(arena: Arena, rng: np.random.Generator, side: Side) -> NDArr
         side: on which they will meet the wall.
     """
     for _ in range(_TRIES):
-        x, y, turn = wall_pose(arena, rng, side)
+        x, y, turn = wall_pose(arena, rng, side, _APPROACH / math.tan(_GRAZING))
         to_the_wall = 1 if side == "left" else -1
         outwards = turn - to_the_wall * math.pi / 2
         start = np.array([x, y]) + _APPROACH * np.array([math.cos(outwards), math.sin(outwards)])
@@ -54,13 +53,16 @@ def following_poses(arena: Arena, rng: np.random.Generator, side: Side) -> NDArr
     raise AssertionError(f"no open way to a wall in {arena}")
 
 
-def wall_pose(arena: Arena, rng: np.random.Generator, side: Side) -> NDArray[np.float64]:
+def wall_pose(
+    arena: Arena, rng: np.random.Generator, side: Side, room: float = 0.06
+) -> NDArray[np.float64]:
     """A pose along a wall, at the distance that a wall follower keeps (3,) [m, m, rad].
 
     Args:
         arena: where.
         rng: of the place along the walls.
         side: of the wall, as the robot sees it.
+        room: for how far ahead the wall goes on [m].
     """
     outlines = [obstacle.outline for obstacle in arena.obstacles]
     distance = RADIUS + WALL_DISTANCE
@@ -71,7 +73,7 @@ def wall_pose(arena: Arena, rng: np.random.Generator, side: Side) -> NDArray[np.
         along /= np.linalg.norm(along)
         outwards = np.array([along[1], -along[0]])  # outlines run anticlockwise
         heading = along if side == "left" else -along
-        way = _way(outline[start] + distance * outwards, heading, _ROOM)
+        way = _way(outline[start] + distance * outwards, heading, room)
         if (np.abs(arena.clearance(way) - distance) <= _TOLERANCE).all():
             return np.array([*way[0], math.atan2(heading[1], heading[0])])
     raise AssertionError(f"no way along a wall in {arena}")

@@ -268,6 +268,8 @@ class MLPForwardModel(nn.Module):
         for name in ("state_std", "action_std", "change_std"):
             if bool((model.get_buffer(name) <= 0).any()):
                 raise ValueError(f"expected {name} > 0 in '{folder}', got {tensors[name].tolist()}")
+        if bool((model.state_low > model.state_high).any()):
+            raise ValueError(f"expected state_low ≤ state_high in '{folder}'")
         return model
 
     def _check(self, states: Tensor, actions: Tensor) -> None:
@@ -305,7 +307,8 @@ class MLPForwardModel(nn.Module):
             mean, std = mean_and_std(rows[learning])  # of those held out nothing is known
             self.get_buffer(f"{name}_mean").copy_(mean)
             self.get_buffer(f"{name}_std").copy_(std)
-        states = torch.cat([inputs[0], inputs[0] + changes])
+        before = inputs[0][learning]
+        states = torch.cat([before, before + changes[learning]])
         self.state_low.copy_(states.amin(dim=0))
         self.state_high.copy_(states.amax(dim=0))
         x = self._inputs(*inputs)

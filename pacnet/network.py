@@ -105,6 +105,9 @@ class PACNet(nn.Module):
             `TransitionMatrix`, or anything else that is a `ForwardModel`. It belongs to the body
             and not to what was watched, so checkpoints of the network leave it out.
 
+    Raises:
+        ValueError: a forward model that is none.
+
     Example:
         >>> config = PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, percept_dimensions=2))
         >>> net = PACNet(config)
@@ -119,6 +122,9 @@ class PACNet(nn.Module):
 
     def __init__(self, config: PACNetConfig, forward_model: ForwardModel | None = None) -> None:
         super().__init__()
+        if forward_model is not None and not isinstance(forward_model, ForwardModel):
+            got = type(forward_model).__name__
+            raise ValueError(f"expected forward_model as a ForwardModel or None, got {got}")
         self.config = config
         self.forward_model = forward_model
         self.sofm = HabituatingSOFM(config.attention)
@@ -218,11 +224,8 @@ class PACNet(nn.Module):
         model = self.forward_model
         if model is None:
             raise ValueError("expected a forward model to act with, got PACNet(config) without one")
-        states = percepts if states is None else states
-        if len(states) != len(percepts):
-            raise ValueError(
-                f"expected one state for each of {len(percepts)} percepts, got {len(states)}"
-            )
+        self.sofm.scaled(percepts)  # refuses bad ones before anything moves
+        states = percepts if states is None else _checked_states(states, percepts)
         recall = self.recall(percepts)
         action = percepts.new_full((len(percepts), model.action_dimensions), torch.nan)
         given = torch.zeros_like(recall.commanded)
@@ -308,3 +311,14 @@ class PACNet(nn.Module):
                 f"expected one target for each of {len(percepts)} percepts, got {len(targets)}"
             )
         return percepts, targets
+
+
+def _checked_states(states: Tensor, percepts: Tensor) -> Tensor:
+    """States [T, S], one for each percept, or a ValueError."""
+    columns = states.shape[1] if isinstance(states, Tensor) and states.dim() == 2 else 1
+    check_rows("states", states, columns, like=percepts)
+    if len(states) != len(percepts):
+        raise ValueError(
+            f"expected one state for each of {len(percepts)} percepts, got {len(states)}"
+        )
+    return states

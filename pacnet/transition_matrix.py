@@ -246,12 +246,13 @@ class TransitionMatrix(nn.Module):
         counts = self.counts[clusters, actions]  # [..., C]
         known = counts.sum(dim=-1) > 0
         shares = self._shares(counts)
+        matrix = self._shares(self.counts.transpose(0, 1)[actions])  # [..., C, C]
+        # Where the action was never tried nothing is known: what has come there stays.
+        untried = matrix.isnan().any(dim=-1, keepdim=True)
+        stay = torch.eye(matrix.shape[-1], dtype=matrix.dtype, device=matrix.device)
+        matrix = torch.where(untried, stay, matrix)
         for _ in range(self.config.steps - 1):
-            matrix = self._shares(self.counts.transpose(0, 1)[actions])  # [..., C, C]
-            # Where the action was never tried nothing is known: what has come there stays.
-            untried = matrix.isnan().any(dim=-1, keepdim=True)
-            stay = torch.eye(matrix.shape[-1], dtype=matrix.dtype, device=matrix.device)
-            shares = (shares[..., None, :] @ torch.where(untried, stay, matrix)).squeeze(-2)
+            shares = (shares[..., None, :] @ matrix).squeeze(-2)
         return Outcomes(shares @ self.centroids, known)
 
     def _shares(self, counts: Tensor) -> Tensor:

@@ -10,13 +10,20 @@ import pytest
 
 PROJECT = Path(__file__).parents[1]
 README = (PROJECT / "README.md").read_text()
-MODULES = sorted(set(re.findall(r"python -m ((?:train|benchmarks)\.\w+)", README)))
+EXPERIMENTS = (PROJECT / "docs/experiments.md").read_text()
+KEYS = ("wf", "tight", "energy")
+MODULES = sorted(set(re.findall(r"python -m ((?:train|benchmarks)\.\w+)", README + EXPERIMENTS)))
 
 
 def test_its_python_runs_as_it_stands(tmp_path: Path):
     (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
     assert (tmp_path / "my_net" / "model.safetensors").is_file()
+
+
+def test_the_python_of_the_experiments_runs_as_it_stands():
+    (code,) = re.findall(r"```python\n(.*?)```", EXPERIMENTS, flags=re.DOTALL)
+    subprocess.run([sys.executable, "-c", code], cwd=PROJECT, check=True)
 
 
 @pytest.mark.slow
@@ -29,10 +36,11 @@ def test_its_commands_explain_themselves(module: str):
 
 
 def test_its_links_lead_somewhere():
-    links = re.findall(r"\]\(([^)#:]+)\)", README)
-    assert len(links) > 5
-    for link in links:
-        assert (PROJECT / link).exists(), link
+    for folder, text in ((PROJECT, README), (PROJECT / "docs", EXPERIMENTS)):
+        links = re.findall(r"\]\(([^)#:]+)\)", text)
+        assert len(links) > 5
+        for link in links:
+            assert (folder / link).exists(), link
 
 
 def test_its_table_holds_the_shipped_scores():
@@ -65,6 +73,22 @@ def test_its_table_of_conditions_holds_the_shipped_scores():
             f"{100 * scores['wrist_distance_mean_m']:.1f} cm",
             f"{100 * scores['wrist_distance_max_m']:.1f} cm",
             f"{100 * scores['commanded_share']:.1f} %",
+        ]
+        for name, scores in conditions.items()
+    ]
+
+
+@pytest.mark.parametrize("text", [README, EXPERIMENTS], ids=["README", "experiments"])
+def test_the_table_of_wall_following_holds_the_shipped_scores(text: str):
+    shipped = PROJECT / "checkpoints/wall_following/metrics.json"
+    conditions = json.loads(shipped.read_text())["conditions"]
+    table = text.split("| condition | wf | tight | energy | contacts |")[1].split("\n\n")[0]
+    rows = [row.strip("| ").split(" | ") for row in table.splitlines()[2:]]
+    assert rows == [
+        [
+            name,
+            *(f"{scores[key]['mean']:.2f} ± {scores[key]['std']:.2f}" for key in KEYS),
+            f"{100 * scores['contact_share']['mean']:.1f} %",
         ]
         for name, scores in conditions.items()
     ]

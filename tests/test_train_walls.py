@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -29,10 +30,10 @@ from train import (
     wall_report,
 )
 from train.learning_log import LearningLog
+from train.runs import UNSEEN_ARENAS
 from train.wall_conditions import Learned, Repeat, run_conditions
 from train.wall_episodes import (
     TAUGHT_SIDES,
-    UNSEEN_ARENAS,
     Driven,
     Place,
     Recalling,
@@ -67,6 +68,7 @@ CONDITIONS = {
     "recall", "recall in unseen arenas", "wandering", "teacher's controller",
     "one constant target", "shuffled targets", "node's mean action", "untrained forward model",
     "no abstention", "transition matrix", "speed free", "noise doubled", "taught on one side",
+    "recall beside a left wall", "recall beside a right wall",
 }  # fmt: skip
 
 
@@ -122,10 +124,15 @@ class Straight:
 # Episodes
 
 
-def test_wandering_following_and_acting_alone_never_share_a_seed():
+def test_wandering_following_testing_and_acting_alone_never_share_a_seed():
     for seed in range(20):
         wandering = seeds_for(seed, wall_episodes._WANDERING, 2)
-        drawn = [*wandering, *following_seeds(seed, 8), alone_seed(seed)]
+        drawn = [
+            *wandering,
+            *following_seeds(seed, 8),
+            alone_seed(seed),
+            wall_episodes.testing_seed(seed),
+        ]
         assert len(set(drawn)) == len(drawn)
     assert len({alone_seed(seed) for seed in range(20)}) == 20
 
@@ -277,8 +284,16 @@ def test_both_sides_are_taught_in_their_order(learned: Learned):
         assert (left > right) == (TAUGHT_SIDES[episode.side] == "left")
 
 
-def test_a_side_is_one_learning_episode(learned: Learned):
-    assert learned.network.episode.item() == len(TAUGHT_SIDES) - 1
+def test_what_was_learned_on_one_side_is_kept_while_the_other_is_learned(learned: Learned):
+    """A new learning episode would clear what a node holds when it wins again."""
+    left_alone = make_network(fitted_model(learned))
+    teach(left_alone, [episode for episode in learned.episodes if episode.side == 0])
+    held, won_again = targets_of(left_alone), 0
+    for node, targets in enumerate(held):
+        later = learned.network.schemas.targets(node)
+        assert later[: len(targets)].equal(targets)
+        won_again += 0 < len(targets) < len(later)
+    assert won_again > 0
 
 
 def test_datasets_give_back_what_was_done(tmp_path: Path, learned: Learned):
@@ -529,7 +544,7 @@ def test_all_conditions_begin_at_the_same_place(conditions_run: tuple[dict, list
     _, runs = conditions_run
     assert {seed for _, _, seed, _ in runs} == {alone_seed(SEED)}
     starts = [run for _, place, _, run in runs if place.arena == "paper" and place.wall is None]
-    assert len(starts) == len(runs) - wall_conditions.UNSEEN - len(TAUGHT_SIDES)
+    assert len(starts) == len(runs) - wall_conditions.UNSEEN - 2 * len(TAUGHT_SIDES)
     places = np.array([run.poses[0, :2] for run in starts])
     assert np.ptp(places, axis=0).max() < 0.02  # within one step of 0.1 s
 
@@ -555,6 +570,19 @@ def test_the_teacher_begins_beside_a_wall_on_each_side(conditions_run: tuple[dic
     runs = [(place, run) for driver, place, _, run in conditions_run[1] if type(driver) is Teacher]
     assert [place.wall for place, _ in runs] == ["left", "right"]
     assert [int(run.wall_side[0]) for _, run in runs] == [1, -1]
+
+
+def test_recall_beside_a_wall_begins_there_and_says_whether_it_keeps_the_side(
+    conditions_run: tuple[dict, list],
+):
+    scores, runs = conditions_run
+    beside = [(p.wall, run) for driver, p, _, run in runs if p.wall and type(driver) is Recalling]
+    assert [wall for wall, _ in beside] == ["left", "right"]
+    assert [int(run.wall_side[0]) for _, run in beside] == [1, -1]
+    for wall, run in beside:
+        along = (run.wall_side != 0) & (run.progress > 0.003)
+        kept = (run.wall_side[along] == (1 if wall == "left" else -1)).mean() if along.any() else 0
+        assert scores[f"recall beside a {wall} wall"]["side_kept"] == pytest.approx(kept)
 
 
 def test_recall_is_what_recalling_with_the_learned_network_scores(
@@ -625,32 +653,28 @@ def test_the_table_holds_mean_and_std_of_every_condition(capsys: pytest.CaptureF
 # The forward model alone
 
 
-def test_scores_of_a_perfect_model_and_of_one_that_predicts_no_change(learned: Learned):
-    percepts, wandering = torch.from_numpy(learned.wandering.percepts), learned.wandering
+@pytest.mark.parametrize(("share", "r2"), [(1.0, 1.0), (0.5, 0.75), (0.0, 0.0), (-1.0, -3.0)])
+def test_a_model_that_predicts_a_share_of_the_change(learned: Learned, share: float, r2: float):
+    """Of a share s, R² against persistence is 1 - (1 - s)²."""
+    percepts = torch.from_numpy(learned.wandering.percepts)
 
-    class Perfect:
-        def __call__(self, *_: torch.Tensor) -> torch.Tensor:
-            return percepts[1:] - percepts[:-1]
+    def model(*_: torch.Tensor) -> torch.Tensor:
+        return share * (percepts[1:] - percepts[:-1])
 
-    class Persistence:
-        def __call__(self, *_: torch.Tensor) -> torch.Tensor:
-            return torch.zeros(len(percepts) - 1, 6)
-
-    names = {"r2_mean", *(f"r2_{name}" for name in INFRARED_NAMES)}
-    perfect = forward_model.score(Perfect(), wandering)  # pyright: ignore
-    assert perfect == dict.fromkeys(names, 1.0)
-    persistence = forward_model.score(Persistence(), wandering)  # pyright: ignore
-    assert persistence == dict.fromkeys(names, 0.0)
+    scores = forward_model.score(model, learned.wandering)  # pyright: ignore
+    names = ["r2_mean", *(f"r2_{name}" for name in INFRARED_NAMES)]
+    assert scores == pytest.approx(dict.fromkeys(names, r2), abs=1e-6)
 
 
 def test_predictions_are_the_models_beside_what_happened(learned: Learned):
     predicted, true = forward_model.predict(fitted_model(learned), learned.wandering)
     assert predicted.shape == true.shape == (399, 6)
     np.testing.assert_array_equal(true, np.diff(learned.wandering.percepts, axis=0))
-    one = slice(7, 8)
-    states = torch.from_numpy(learned.wandering.percepts[one])
-    actions = torch.from_numpy(learned.wandering.actions[one])
-    torch.testing.assert_close(predicted[one], fitted_model(learned)(states, actions).detach())
+    percepts, actions = map(torch.from_numpy, learned.wandering)
+    for step in range(0, 399, 9):
+        one = slice(step, step + 1)
+        alone = fitted_model(learned)(percepts[one], actions[one]).detach()
+        torch.testing.assert_close(predicted[one], alone)
 
 
 # Commands
@@ -706,6 +730,8 @@ def test_help_says_what_a_command_does_and_takes(module, options, capsys):
         (wall_following, ["--replicates", "0"], "--replicates: expected an integer ≥ 1"),
         (wall_following, ["--condition-steps", "2.5"], "--condition-steps: expected an integer"),
         (wall_following, ["--arena", "-2"], "--arena: expected "),
+        (wall_following, ["--arena", "10000"], "--arena: expected paper or a seed below 10000"),
+        (forward_model, ["--arena", "10003"], "--arena: expected paper or a seed below 10000"),
     ],
 )
 def test_bad_arguments_are_one_line_and_exit_code_2(module, arguments, message, capsys):
@@ -761,12 +787,12 @@ def test_the_forward_model_leaves_dataset_checkpoint_scores_and_figures(
     )
     assert scores["seed"] == 11
     assert scores["transitions"] == 600
-    unseen = wander(UNSEEN_ARENAS + 11, forward_model.TEST_STEPS, 11)
+    unseen = wander(UNSEEN_ARENAS + 11, forward_model.TEST_STEPS, wall_episodes.testing_seed(11))
     for name, value in forward_model.score(model, unseen).items():
         assert scores[name] == pytest.approx(value, abs=1e-6)
     assert {path.name for path in (folder / "figures").iterdir()} == {"calibration.png", "fit.png"}
     tags = tags_of(folder)
-    assert {"fit/train_loss", "fit/validation_loss", "recall/r2_mean"} <= set(tags["scalars"])
+    assert {"fit/train_loss", "fit/validation_loss", "prediction/r2_mean"} <= set(tags["scalars"])
     assert set(tags["images"]) == {"calibration", "fit"}
 
 
@@ -889,6 +915,35 @@ def test_ctrl_c_while_acting_alone_keeps_datasets_and_checkpoints(tmp_path: Path
     model = MLPForwardModel.from_pretrained(folder / "forward_model")
     assert len(PACNet.from_pretrained(folder / "checkpoint", model).sofm) > 1
     assert not (folder / "metrics.json").exists()
+
+
+POOL = """
+from train.runs import run_folder
+from train.wall_conditions import replicates
+
+if __name__ == "__main__":
+    with run_folder("pool", 0, {runs!r}):
+        list(replicates([0, 1, 2], "paper", 2500))
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_while_replicates_run_ends_them_too(tmp_path: Path):
+    (tmp_path / "pool.py").write_text(POOL.format(runs=str(tmp_path / "runs")))
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "pool.py")],
+        cwd=PROJECT,
+        env={**os.environ, "PYTHONPATH": str(PROJECT)},
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    time.sleep(12)  # of the minute that a replicate takes
+    os.kill(process.pid, signal.SIGINT)
+    _, text = process.communicate(timeout=20)  # until no worker holds its end of the pipe
+    assert process.returncode == 130, text
+    assert "Interrupted." in text
+    assert "Traceback" not in text
 
 
 @pytest.mark.slow

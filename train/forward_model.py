@@ -20,15 +20,16 @@ from pacnet.fitting import r2_of_change
 from train.forward_model_figures import calibration, fit_curves
 from train.learning_log import LearningLog
 from train.runs import (
-    arena,
+    UNSEEN_ARENAS,
     command_line,
     make_parser,
     positive,
     run_folder,
     save_figures,
+    taught_arena,
     write_metrics,
 )
-from train.wall_episodes import UNSEEN_ARENAS, Transitions, wander
+from train.wall_episodes import Transitions, testing_seed, wander
 from train.wall_learning import (
     TRANSITIONS,
     fit,
@@ -51,7 +52,10 @@ def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = make_parser("train.forward_model", __doc__)
     parser.add_argument(
-        "--arena", type=arena, default="paper", help="to wander in: paper, or a seed that draws one"
+        "--arena",
+        type=taught_arena,
+        default="paper",
+        help="to wander in: paper, or a seed that draws one",
     )
     parser.add_argument(
         "--transitions", type=positive, default=TRANSITIONS, help="steps of wandering to learn from"
@@ -72,7 +76,8 @@ def predict(model: MLPForwardModel, wandering: Transitions) -> Predictions:
 
 def score(model: MLPForwardModel, wandering: Transitions) -> dict[str, float]:
     """R² of the change against persistence: of each sensor in one step, and of their mean."""
-    r2 = r2_of_change(*reversed(predict(model, wandering)))
+    predictions = predict(model, wandering)
+    r2 = r2_of_change(predictions.true, predictions.predicted)
     scores = {f"r2_{name}": float(value) for name, value in zip(INFRARED_NAMES, r2, strict=True)}
     return {"r2_mean": float(r2.mean()), **scores}
 
@@ -96,7 +101,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     model.save_pretrained(folder / "checkpoint")
 
     model = MLPForwardModel.from_pretrained(folder / "checkpoint")
-    unseen = wander(UNSEEN_ARENAS + seed, TEST_STEPS, seed)
+    unseen = wander(UNSEEN_ARENAS + seed, TEST_STEPS, testing_seed(seed))
     scores = {
         "transitions": arguments.transitions,
         "epochs": report.epochs,
@@ -117,7 +122,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
 def _log(folder: Path, losses: Tensor, scores: dict[str, float]) -> None:
     with LearningLog(folder / "tensorboard") as log:
         log.losses(losses.tolist())
-        log.scores(scores)
+        log.scores(scores, "prediction")
         for picture in sorted((folder / "figures").iterdir()):
             log.picture(picture.stem, picture)
 

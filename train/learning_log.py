@@ -63,10 +63,15 @@ class LearningLog:
             self._writer.add_scalar("fit/train_loss", train_loss, epoch)
             self._writer.add_scalar("fit/validation_loss", validation_loss, epoch)
 
-    def scores(self, scores: Mapping[str, float | int]) -> None:
-        """The run's final scores."""
+    def scores(self, scores: Mapping[str, float | int], group: str = "recall") -> None:
+        """The run's final scores.
+
+        Args:
+            scores: by name.
+            group: under which they are shown.
+        """
         for name, value in scores.items():
-            self._writer.add_scalar(f"recall/{name}", value, self._samples)
+            self._writer.add_scalar(f"{group}/{name}", value, self._samples)
 
     def picture(self, name: str, path: Path) -> None:
         """A picture as it lies on disk; tensorboard plays an animated GIF.

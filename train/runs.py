@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from pacnet import PACNet
 
+UNSEEN_ARENAS = 10_000  # seeds of arenas from here on are never taught in
 _PACKAGES = ("pacnet", "torch", "numpy", "mujoco", "dm-control", "gymnasium", "lerobot")
 
 
@@ -65,9 +66,16 @@ def threshold(text: str) -> float:
     return _number(text, math.ulp(0.0), 1 - 2**-53, "a number in (0, 1)")
 
 
-def arena(text: str) -> str | int:
-    """An argument that is "paper" or the seed of an arena."""
-    return text if text == "paper" else natural(text)
+def taught_arena(text: str) -> str | int:
+    """An argument that is "paper" or the seed of an arena to learn in."""
+    if text == "paper":
+        return text
+    seed = natural(text)
+    if seed >= UNSEEN_ARENAS:
+        raise argparse.ArgumentTypeError(
+            f"expected paper or a seed below {UNSEEN_ARENAS}, got '{text}': those are for tests"
+        )
+    return seed
 
 
 def make_run_folder(name: str, seed: int, runs: str | Path = "runs") -> Path:

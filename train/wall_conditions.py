@@ -8,6 +8,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
@@ -17,6 +18,7 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from envs.wall_behaviours import Side
 from pacnet import (
     Command,
     ForwardModel,
@@ -25,9 +27,9 @@ from pacnet import (
     TransitionMatrix,
     TransitionMatrixConfig,
 )
+from train.runs import UNSEEN_ARENAS
 from train.wall_episodes import (
     TAUGHT_SIDES,
-    UNSEEN_ARENAS,
     Driver,
     Place,
     Recalling,
@@ -39,6 +41,7 @@ from train.wall_episodes import (
     wander,
 )
 from train.wall_learning import (
+    LESSON,
     TRANSITIONS,
     Episode,
     fit,
@@ -51,7 +54,7 @@ from train.wall_scores import SIDES, cluster_agreement, name_clusters, score_run
 
 STEPS = 2500  # of a run
 UNSEEN = 3  # arenas
-FREE_SPEEDS = (0.0, 0.03, 0.06, 0.09)  # [m/s] of the candidates where the speed is free
+FREE_SPEEDS = (0.0, 0.03, 0.06, 0.07)  # [m/s] of the candidates where the speed is free
 
 Scores = dict[str, float]
 
@@ -118,12 +121,18 @@ def replicate(seed: int, arena: str | int, steps: int = STEPS) -> dict[str, Scor
 
 def replicates(seeds: Sequence[int], arena: str | int, steps: int) -> Iterator[dict[str, Scores]]:
     """Replicates in the order of their seeds, on all cores; their number changes nothing."""
+    if not seeds:
+        return
     cores = min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1, 8)
     pool = ProcessPoolExecutor(cores, multiprocessing.get_context("spawn"), _start_worker)
     jobs = [pool.submit(replicate, seed, arena, steps) for seed in seeds]
     try:
         for job in tqdm(jobs, "replicates", unit="replicate"):
             yield job.result()
+    except BaseException:
+        for worker in multiprocessing.active_children():
+            worker.terminate()
+        raise
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
@@ -141,6 +150,8 @@ def _conditions(learned: Learned) -> dict[str, list[Run]]:
     return {
         "recall": [taught],
         "recall in unseen arenas": unseen,
+        "recall beside a left wall": [_run_beside("left")],
+        "recall beside a right wall": [_run_beside("right")],
         "wandering": [_run_wandering],
         "teacher's controller": [_run_teacher("left"), _run_teacher("right")],
         "one constant target": [_driven_by(lambda: _constant_target(learned))],
@@ -164,11 +175,23 @@ def _driven_by(make: Callable[[], PACNet], place: Place | None = None) -> Run:
     return run
 
 
+def _run_beside(side: Side) -> Run:
+    """Begins beside a wall: does it keep that side?"""
+
+    def run(learned: Learned, steps: int) -> Scores:
+        driver = Recalling(learned.network, learned.seed)
+        place = Place(learned.arena, wall=side)
+        run = act_alone(driver, place, alone_seed(learned.seed), steps)
+        return score_run(run) | {"side_kept": side_kept(run, SIDES[side])}
+
+    return run
+
+
 def _run_wandering(learned: Learned, steps: int) -> Scores:
     return _score(learned, Wandering(learned.seed), steps)
 
 
-def _run_teacher(side: str) -> Run:
+def _run_teacher(side: Side) -> Run:
     def run(learned: Learned, steps: int) -> Scores:
         place = Place(learned.arena, wall=side)
         return _score(learned, Teacher(side), steps, place)
@@ -181,7 +204,8 @@ def _run_taught_on(index: int) -> Run:
 
     def run(learned: Learned, steps: int) -> Scores:
         network = make_network(learned.network.forward_model)
-        teach(network, [episode for episode in learned.episodes if episode.side == index])
+        episodes = [episode for episode in learned.episodes if episode.side == index]
+        teach(network, episodes, leave_bar=False)
         driver = Recalling(network, learned.seed)
         run = act_alone(driver, Place(learned.arena), alone_seed(learned.seed), steps)
         return score_run(run) | {"side_kept": side_kept(run, SIDES[TAUGHT_SIDES[index]])}
@@ -219,8 +243,10 @@ def _with(learned: Learned, forward_model: ForwardModel) -> PACNet:
 def _with_targets(learned: Learned, change: Callable[[Tensor], Tensor]) -> PACNet:
     """The taught network with other targets `[P, 6]` in the place of its own."""
     network = deepcopy(learned.network)
-    targets = network.schemas.pool.live("target")
-    targets.copy_(change(targets))
+    every = [network.schemas.targets(node) for node in range(len(network.schemas))]  # views
+    changed = change(torch.cat(every)).split([len(targets) for targets in every])
+    for targets, others in zip(every, changed, strict=True):
+        targets.copy_(others)
     return network
 
 
@@ -245,7 +271,7 @@ def _mean_action(learned: Learned) -> PACNet:
     """Each node repeats the mean of the actions that the learner made where the node won."""
     network = make_network(Repeat(), targets=2)
     for episode in learned.episodes:
-        network.observe(episode.percepts, episode.actions, episode.side)
+        network.observe(episode.percepts, episode.actions, LESSON)
     for node in range(len(network.schemas)):
         actions = network.schemas.targets(node)  # a view
         actions.copy_(actions.mean(dim=0).expand_as(actions))
@@ -276,7 +302,9 @@ def _matrix(learned: Learned) -> TransitionMatrix:
         TransitionMatrixConfig(
             config.state_dimensions,
             config.action_dimensions,
-            config.candidates[::3],  # seven: with more, too few transitions would be left for each
+            config.candidates[
+                1::3
+            ],  # seven, one of them straight: with more, too few transitions would be left for each
             steps=config.steps,
             abstain_below=config.abstain_below,
         )
@@ -299,3 +327,12 @@ def _mean(scores: Sequence[Scores]) -> Scores:
 def _start_worker() -> None:
     sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115  # their bars would mix with ours
     torch.set_num_threads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Ends this worker when its parent was killed: nobody would take the result."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)

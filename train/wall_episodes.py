@@ -20,9 +20,8 @@ from pacnet import NOBODY, PACNet
 from train.wall_scores import WallRun
 
 TAUGHT_SIDES: tuple[Side, Side] = ("left", "right")  # the order in which they are taught
-UNSEEN_ARENAS = 10_000  # seeds of arenas from here on are never taught in
 
-_WANDERING, _FOLLOWING, _ALONE = 0, 1, 2  # what seeds are drawn for
+_WANDERING, _FOLLOWING, _ALONE, _TESTING = 0, 1, 2, 3  # what seeds are drawn for
 
 
 class Driven(NamedTuple):
@@ -99,8 +98,8 @@ class Recalling:
 
 
 def shares(wheels: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Wheel speeds (2,) [m/s] as the environment's action."""
-    return (wheels / MAX_WHEEL_SPEED).astype(np.float32)
+    """Wheel speeds (2,) [m/s] as the environment's action, no faster than the wheels turn."""
+    return np.clip(wheels / MAX_WHEEL_SPEED, -1, 1).astype(np.float32)
 
 
 def make_environment(
@@ -245,6 +244,11 @@ def alone_seed(seed: int) -> int:
 def following_seeds(seed: int, count: int) -> list[int]:
     """Seeds of a run's episodes of following, of both sides."""
     return seeds_for(seed, _FOLLOWING, count)
+
+
+def testing_seed(seed: int) -> int:
+    """Seed of the wandering that a run's forward model is tested on."""
+    return seeds_for(seed, _TESTING, 1)[0]
 
 
 def seeds_for(seed: int, purpose: int, count: int) -> list[int]:

@@ -9,6 +9,7 @@ Scores, figures, a video and a tensorboard log go into `runs/wall_following/<tim
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +20,15 @@ from envs.khepera import INFRARED_NAMES
 from pacnet import MLPForwardModel, PACNet
 from train.learning_log import LearningLog
 from train.runs import (
-    arena,
     command_line,
     make_parser,
     positive,
     run_folder,
     save_figures,
+    taught_arena,
     write_metrics,
 )
-from train.wall_conditions import STEPS, Learned, replicates, run_conditions
+from train.wall_conditions import STEPS, Learned, Scores, replicates, run_conditions
 from train.wall_episodes import Place, Recalling, act_alone, alone_seed
 from train.wall_learning import (
     TRANSITIONS,
@@ -48,7 +49,10 @@ def parse_arguments() -> argparse.Namespace:
     """The command line."""
     parser = make_parser("train.wall_following", __doc__)
     parser.add_argument(
-        "--arena", type=arena, default="paper", help="to learn in: paper, or a seed that draws one"
+        "--arena",
+        type=taught_arena,
+        default="paper",
+        help="to learn in: paper, or a seed that draws one",
     )
     parser.add_argument(
         "--steps", type=positive, default=30_000, help="of the long run alone, 0.1 s each"
@@ -85,13 +89,14 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
         names = name_clusters(network.sofm.prototypes.numpy())
         scores["cluster_agreement"] = cluster_agreement(recalled, names)
         save_figures(folder / "figures", figures)
-        film(network, arguments.arena, alone_seed(arguments.seed), folder)
+        film(network, arguments.arena, arguments.seed, folder)
 
-        summary = _compare(learned, arguments)
-        save_figures(folder / "figures", {"conditions": draw_conditions(summary)})
         command = command_line("train.wall_following", arguments)
-        document = {**scores, "conditions": summary}
-        write_metrics(folder / "metrics.json", command, arguments.seed, document)
+        summary = {}
+        for summary in _compare(learned, arguments):  # after each replicate: none is lost
+            document = {**scores, "conditions": summary}
+            write_metrics(folder / "metrics.json", command, arguments.seed, document)
+        save_figures(folder / "figures", {"conditions": draw_conditions(summary)})
 
         log.scores(scores)
         log.projector(network.sofm, INFRARED_NAMES)
@@ -132,14 +137,18 @@ def _act_alone(learned: Learned, steps: int) -> Any:
         )
 
 
-def _compare(learned: Learned, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Every condition over all replicates, of which what this run learned is the first."""
-    first = run_conditions(learned, arguments.condition_steps)
+def _compare(learned: Learned, arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Every condition over the replicates so far, of which what this run learned is the first."""
+    done = [run_conditions(learned, arguments.condition_steps)]
+    yield _summary(done)
     others = range(arguments.seed + 1, arguments.seed + arguments.replicates)
-    all_scores = [first]
-    if others:
-        all_scores += replicates(others, arguments.arena, arguments.condition_steps)
-    return {name: summarise([scores[name] for scores in all_scores]) for name in first}
+    for scores in replicates(others, arguments.arena, arguments.condition_steps):
+        done.append(scores)
+        yield _summary(done)
+
+
+def _summary(done: list[dict[str, Scores]]) -> dict[str, Any]:
+    return {name: summarise([scores[name] for scores in done]) for name in done[0]}
 
 
 def _print(folder: Path, scores: dict[str, Any], summary: dict[str, Any]) -> None:

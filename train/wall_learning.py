@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,11 +37,12 @@ ROBOT = "khepera"
 
 TRANSITIONS = 5000  # [steps] of wandering
 EPISODES_A_SIDE, EPISODE_STEPS = 4, 750  # of following
-LEAD = 5  # [steps] that a target lies ahead, and for which the forward model holds an action
-NOVELTY_THRESHOLD = 0.7
+LEAD = 3  # [steps] that a target lies ahead, and for which the forward model holds an action
+NOVELTY_THRESHOLD = 0.6
 NEAREST_CUES = 50  # over which a target is averaged
-ABSTAIN_BELOW = 0.03  # spread of the predicted readings under which actions are all the same
+ABSTAIN_BELOW = 0.02  # spread of the predicted readings under which actions are all the same
 TURNS = np.linspace(-MAX_TURN, MAX_TURN, 21)  # [rad/s] of the candidate actions
+LESSON = 0  # number of the one learning episode
 CHUNK = 50  # samples learned between two points of the learning curves
 
 
@@ -71,10 +72,8 @@ def record_following(folder: Path, arena: str | int, seed: int) -> None:
         DemonstrationWriter(folder, FPS, FEATURES, ROBOT) as writer,
         tqdm(total=total, desc="following", unit="step") as progress,
     ):
-        for number, episode_seed in enumerate(_seeds(seed)):
-            side = TAUGHT_SIDES[number // EPISODES_A_SIDE]
-            followed = follow(arena, side, episode_seed, EPISODE_STEPS, progress.update)
-            writer.save_episode(task_of(side), _frames(followed))
+        for side, followed in _follow_both_sides(arena, seed, progress.update):
+            writer.save_episode(task_of(TAUGHT_SIDES[side]), _frames(followed))
 
 
 def load_episodes(folder: Path) -> list[Episode]:
@@ -88,12 +87,10 @@ def load_episodes(folder: Path) -> list[Episode]:
 
 def follow_both_sides(arena: str | int, seed: int) -> list[Episode]:
     """The same episodes without a dataset."""
-    episodes = []
-    for number, episode_seed in enumerate(_seeds(seed)):
-        side = number // EPISODES_A_SIDE
-        followed = follow(arena, TAUGHT_SIDES[side], episode_seed, EPISODE_STEPS)
-        episodes.append(Episode(*map(torch.from_numpy, followed), side))
-    return episodes
+    return [
+        Episode(*map(torch.from_numpy, followed), side)
+        for side, followed in _follow_both_sides(arena, seed)
+    ]
 
 
 def candidate_actions(speeds: Sequence[float] = (CRUISE,)) -> tuple[tuple[float, ...], ...]:
@@ -146,14 +143,30 @@ def make_network(forward_model: ForwardModel, targets: int = len(INFRARED_NAMES)
     return PACNet(PACNetConfig(attention, schemas), forward_model)
 
 
-def teach(network: PACNet, episodes: Sequence[Episode], log: LearningLog | None = None) -> None:
-    """The learning phase: all that was seen along walls of one side is one learning episode."""
+def teach(
+    network: PACNet,
+    episodes: Sequence[Episode],
+    log: LearningLog | None = None,
+    leave_bar: bool = True,
+) -> None:
+    """The learning phase.
+
+    All that was followed is one learning episode. By the paper's third rule a new one clears what
+    a node holds when the node wins again, and a left wall is seen now and then, from afar, by a
+    robot that follows a right one.
+
+    Args:
+        network: to teach; in eval mode afterwards.
+        episodes: of following.
+        log: of the learning.
+        leave_bar: whether the progress bar stays when it is full.
+    """
     total = sum(len(episode.percepts) for episode in episodes)
-    with tqdm(total=total, desc="learning", unit="sample") as progress:
+    with tqdm(total=total, desc="learning", unit="sample", leave=leave_bar) as progress:
         for episode in episodes:
             targets = targets_ahead(episode.percepts, LEAD)
             for seen, aim in zip(episode.percepts.split(CHUNK), targets.split(CHUNK), strict=True):
-                observed = network.observe(seen, aim, episode.side)
+                observed = network.observe(seen, aim, LESSON)
                 if log is not None:
                     log.observed(network.sofm, observed)
                 progress.update(len(seen))
@@ -170,8 +183,14 @@ def _load(folder: Path) -> Demonstrations:
     return load_demonstrations(folder, environment_state=None)
 
 
-def _seeds(seed: int) -> list[int]:
-    return following_seeds(seed, len(TAUGHT_SIDES) * EPISODES_A_SIDE)
+def _follow_both_sides(
+    arena: str | int, seed: int, after_step: Callable[[], object] | None = None
+) -> Iterator[tuple[int, Transitions]]:
+    """Each episode with the index of its side."""
+    seeds = following_seeds(seed, len(TAUGHT_SIDES) * EPISODES_A_SIDE)
+    for number, episode_seed in enumerate(seeds):
+        side = number // EPISODES_A_SIDE
+        yield side, follow(arena, TAUGHT_SIDES[side], episode_seed, EPISODE_STEPS, after_step)
 
 
 def _frames(transitions: Transitions) -> dict[str, np.ndarray]:

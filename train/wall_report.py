@@ -17,7 +17,7 @@ from pacnet import PACNet
 from pacnet.components import PrincipalComponents
 from pacnet.figures import percepts_on_components
 from train.video import write_gif, write_mp4
-from train.wall_episodes import Place, Recalling, act_alone
+from train.wall_episodes import Place, Recalling, act_alone, alone_seed
 from train.wall_figures import (
     activations_over_time,
     clusters_on_components,
@@ -25,7 +25,7 @@ from train.wall_figures import (
     trajectory,
 )
 from train.wall_learning import FPS, Episode
-from train.wall_scores import NO_WALL, Summary, WallRun, name_clusters
+from train.wall_scores import SIDES, Summary, WallRun, name_clusters
 
 FILM_STEPS = 400
 FRAME_STEPS = 2  # steps from one frame of the film to the next
@@ -62,8 +62,7 @@ def draw(
     }
     scores = {
         "nodes": len(names),
-        **{f"nodes_{name.replace(' ', '_')}": names.count(name) for name in sorted(set(names))},
-        "nodes_no_wall": names.count(NO_WALL),
+        **{f"nodes_{name.replace(' ', '_')}": names.count(name) for name in SIDES},
         "pca_variance_2": components.variance(2),
     }
     return figures, scores
@@ -81,7 +80,7 @@ def film(network: PACNet, arena: str | int, seed: int, folder: Path) -> None:
                     taken.append(environment.render())
 
             driver = Recalling(network, seed)
-            act_alone(driver, Place(arena), seed, FILM_STEPS, take, camera)
+            act_alone(driver, Place(arena), alone_seed(seed), FILM_STEPS, take, camera)
     both = [np.hstack(pair) for pair in zip(*frames.values(), strict=True)]
     rate = 4 * FPS / FRAME_STEPS  # four times as fast as the robot
     write_mp4(both, folder / "recall.mp4", rate)
