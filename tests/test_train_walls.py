@@ -28,10 +28,11 @@ from train import (
     wall_following,
     wall_learning,
     wall_report,
+    wall_variants,
 )
 from train.learning_log import LearningLog
 from train.runs import UNSEEN_ARENAS
-from train.wall_conditions import Learned, Repeat, run_conditions
+from train.wall_conditions import run_conditions
 from train.wall_episodes import (
     TAUGHT_SIDES,
     Driven,
@@ -61,6 +62,7 @@ from train.wall_learning import (
     teach,
 )
 from train.wall_scores import name_clusters, summarise
+from train.wall_variants import Learned, Repeat
 
 PROJECT = Path(__file__).parents[1]
 SEED = 3
@@ -76,7 +78,7 @@ CONDITIONS = {
 def tiny() -> Iterator[None]:
     """Little of everything."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(wall_conditions, "TRANSITIONS", 400)
+        patch.setattr(wall_variants, "TRANSITIONS", 400)
         patch.setattr(wall_following, "TRANSITIONS", 400)
         patch.setattr(wall_learning, "EPISODES_A_SIDE", 2)
         patch.setattr(wall_learning, "EPISODE_STEPS", 150)
@@ -85,7 +87,7 @@ def tiny() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def learned(tiny: None) -> Learned:  # noqa: ARG001
-    return wall_conditions.learn(SEED, "paper")
+    return wall_variants.learn(SEED, "paper")
 
 
 def bytes_of(module: torch.nn.Module) -> dict[str, bytes]:
@@ -255,7 +257,7 @@ def test_a_network_drives_where_it_gives_an_action_and_the_robot_goes_on_with_it
 
 
 def test_same_seed_same_learned(learned: Learned):
-    again = wall_conditions.learn(SEED, "paper")
+    again = wall_variants.learn(SEED, "paper")
     assert bytes_of(again.network) == bytes_of(learned.network)
     assert any(name.startswith("forward_model.") for name in bytes_of(again.network))
     assert again.wandering.percepts.tobytes() == learned.wandering.percepts.tobytes()
@@ -263,7 +265,7 @@ def test_same_seed_same_learned(learned: Learned):
 
 
 def test_another_seed_learns_something_else(learned: Learned):
-    other = wall_conditions.learn(SEED + 1, "paper")
+    other = wall_variants.learn(SEED + 1, "paper")
     assert bytes_of(other.network) != bytes_of(learned.network)
     assert bytes_of(fitted_model(other)) != bytes_of(fitted_model(learned))
     assert not same_episodes(other.episodes, learned.episodes)
@@ -359,7 +361,7 @@ def test_candidates_are_every_turn_at_every_speed():
 
 
 def test_a_constant_target_is_the_mean_of_all(learned: Learned):
-    constant = targets_of(wall_conditions._constant_target(learned))
+    constant = targets_of(wall_variants.constant_target(learned))
     own = torch.cat(targets_of(learned.network)).double()
     assert len(own.unique(dim=0)) > 50
     assert [len(t) for t in constant] == learned.network.schemas.lengths.tolist()
@@ -372,7 +374,7 @@ def test_a_constant_target_is_the_mean_of_all(learned: Learned):
 def test_shuffled_targets_come_from_one_other_node(learned: Learned):
     own = [{tuple(row) for row in t.tolist()} for t in targets_of(learned.network)]
     sources = []
-    for node, targets in enumerate(targets_of(wall_conditions._shuffled_targets(learned))):
+    for node, targets in enumerate(targets_of(wall_variants.shuffled_targets(learned))):
         rows = {tuple(row) for row in targets.tolist()}
         assert len(targets) == learned.network.schemas.lengths[node]
         if rows:
@@ -385,14 +387,14 @@ def test_shuffled_targets_come_from_one_other_node(learned: Learned):
 
 
 def test_shuffling_is_decided_by_the_seed(learned: Learned):
-    one, same = (wall_conditions._shuffled_targets(learned) for _ in range(2))
-    other = wall_conditions._shuffled_targets(dataclasses.replace(learned, seed=SEED + 1))
+    one, same = (wall_variants.shuffled_targets(learned) for _ in range(2))
+    other = wall_variants.shuffled_targets(dataclasses.replace(learned, seed=SEED + 1))
     assert bytes_of(one) == bytes_of(same)
     assert bytes_of(one) != bytes_of(other)
 
 
 def test_changed_targets_keep_their_cues_and_the_map(learned: Learned):
-    makers = (wall_conditions._constant_target, wall_conditions._shuffled_targets)
+    makers = (wall_variants.constant_target, wall_variants.shuffled_targets)
     for network in [make(learned) for make in makers]:
         assert bytes_of(network.sofm) == bytes_of(learned.network.sofm)
         for node in range(len(network.schemas)):
@@ -405,7 +407,7 @@ def test_changed_targets_keep_their_cues_and_the_map(learned: Learned):
 
 
 def test_a_nodes_mean_action_is_that_of_the_percepts_it_learned(learned: Learned):
-    network = wall_conditions._mean_action(learned)
+    network = wall_variants.mean_action(learned)
     assert bytes_of(network.sofm) == bytes_of(learned.network.sofm)  # it saw the same
     done: dict[tuple, list[list[float]]] = {}
     for episode in learned.episodes:
@@ -426,7 +428,7 @@ def test_a_nodes_mean_action_is_that_of_the_percepts_it_learned(learned: Learned
 
 
 def test_a_nodes_mean_action_is_acted_as_it_is(learned: Learned):
-    network = wall_conditions._mean_action(learned)
+    network = wall_variants.mean_action(learned)
     assert isinstance(network.forward_model, Repeat)
     percepts = learned.episodes[0].percepts
     acted = network.act(percepts)
@@ -441,7 +443,7 @@ def test_a_nodes_mean_action_is_acted_as_it_is(learned: Learned):
 
 
 def test_the_untrained_model_has_the_weights_before_the_fit(learned: Learned):
-    untrained = wall_conditions._untrained(learned)
+    untrained = wall_variants.untrained(learned)
     assert bytes_of(untrained) == bytes_of(make_forward_model(SEED))
     assert bytes_of(untrained) != bytes_of(fitted_model(learned))
     assert bytes_of(untrained) != bytes_of(make_forward_model(SEED + 1))
@@ -449,7 +451,7 @@ def test_the_untrained_model_has_the_weights_before_the_fit(learned: Learned):
 
 
 def test_without_abstention_the_same_model_always_acts(learned: Learned):
-    model = wall_conditions._never_abstaining(learned)
+    model = wall_variants.never_abstaining(learned)
     assert bytes_of(model) == bytes_of(fitted_model(learned))
     assert fitted_model(learned).config.abstain_below > 0
     assert model.config == dataclasses.replace(fitted_model(learned).config, abstain_below=0.0)
@@ -459,15 +461,15 @@ def test_without_abstention_the_same_model_always_acts(learned: Learned):
 
 
 def test_with_the_speed_free_the_same_model_has_more_to_choose_from(learned: Learned):
-    model, fitted = wall_conditions._speed_free(learned), fitted_model(learned)
+    model, fitted = wall_variants.speed_free(learned), fitted_model(learned)
     assert bytes_of(model) == bytes_of(fitted)
     assert set(fitted.config.candidates) < set(model.config.candidates)
     speeds = MAX_WHEEL_SPEED * np.array(model.config.candidates).mean(axis=1)
-    assert np.unique(speeds.round(6)).tolist() == sorted(wall_conditions.FREE_SPEEDS)
-    assert len(wall_conditions.FREE_SPEEDS) >= 3
+    assert np.unique(speeds.round(6)).tolist() == sorted(wall_variants.FREE_SPEEDS)
+    assert len(wall_variants.FREE_SPEEDS) >= 3
 
 
-@pytest.mark.parametrize("speeds", [(CRUISE,), wall_conditions.FREE_SPEEDS], ids=["fixed", "free"])
+@pytest.mark.parametrize("speeds", [(CRUISE,), wall_variants.FREE_SPEEDS], ids=["fixed", "free"])
 def test_every_candidate_is_an_action_that_the_environment_takes(speeds: tuple[float, ...]):
     assert np.abs(candidate_actions(speeds)).max() <= 1
 
@@ -481,7 +483,7 @@ def test_the_transition_matrix_learns_from_the_same_transitions(learned: Learned
         return fit(self, *rows, seed=seed)
 
     monkeypatch.setattr(TransitionMatrix, "fit", spy)
-    matrix = wall_conditions._matrix(learned)
+    matrix = wall_variants.transition_matrix(learned)
     ((before, actions, after, seed),) = fits
     np.testing.assert_array_equal(before, learned.wandering.percepts[:-1])
     np.testing.assert_array_equal(after, learned.wandering.percepts[1:])
@@ -494,7 +496,9 @@ def test_the_transition_matrix_learns_from_the_same_transitions(learned: Learned
 
 
 def test_the_transition_matrix_turns_as_far_to_either_side_and_can_drive_straight(learned: Learned):
-    candidates = {tuple(action) for action in wall_conditions._matrix(learned).config.candidates}
+    candidates = {
+        tuple(action) for action in wall_variants.transition_matrix(learned).config.candidates
+    }
     assert {(right, left) for left, right in candidates} == candidates
     assert any(left == right for left, right in candidates)
 
@@ -531,7 +535,7 @@ def test_every_condition_is_run_and_none_changes_what_was_learned(
     for one in scores.values():
         assert {"wf", "tight", "energy", "contact_share"} <= one.keys()
         assert np.isfinite(list(one.values())).all()
-    assert bytes_of(learned.network) == bytes_of(wall_conditions.learn(SEED, "paper").network)
+    assert bytes_of(learned.network) == bytes_of(wall_variants.learn(SEED, "paper").network)
 
 
 def test_conditions_are_decided_by_what_was_learned(

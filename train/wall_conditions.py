@@ -11,22 +11,12 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from copy import deepcopy
-from dataclasses import dataclass, replace
 
 import torch
-from torch import Tensor, nn
 from tqdm import tqdm
 
 from envs.wall_behaviours import Side
-from pacnet import (
-    Command,
-    ForwardModel,
-    MLPForwardModel,
-    PACNet,
-    TransitionMatrix,
-    TransitionMatrixConfig,
-)
+from pacnet import ForwardModel, PACNet
 from train.runs import UNSEEN_ARENAS
 from train.wall_episodes import (
     TAUGHT_SIDES,
@@ -34,72 +24,29 @@ from train.wall_episodes import (
     Place,
     Recalling,
     Teacher,
-    Transitions,
     Wandering,
     act_alone,
     alone_seed,
-    wander,
 )
-from train.wall_learning import (
-    LESSON,
-    TRANSITIONS,
-    Episode,
-    fit,
-    follow_both_sides,
-    make_forward_model,
-    make_network,
-    teach,
-)
+from train.wall_learning import make_network, teach
 from train.wall_scores import SIDES, cluster_agreement, name_clusters, score_run, side_kept
+from train.wall_variants import (
+    Learned,
+    constant_target,
+    learn,
+    mean_action,
+    never_abstaining,
+    shuffled_targets,
+    speed_free,
+    transition_matrix,
+    untrained,
+    with_forward_model,
+)
 
 STEPS = 2500  # of a run
 UNSEEN = 3  # arenas
-FREE_SPEEDS = (0.0, 0.03, 0.06, 0.07)  # [m/s] of the candidates where the speed is free
 
 Scores = dict[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """What one replicate learned and from what.
-
-    Attributes:
-        seed: of the replicate.
-        arena: where it learned.
-        wandering: from which the forward model was fitted.
-        episodes: of following.
-        network: taught, with the forward model.
-    """
-
-    seed: int
-    arena: str | int
-    wandering: Transitions
-    episodes: Sequence[Episode]
-    network: PACNet
-
-
-class Repeat(nn.Module):
-    """A forward model of nothing: the target is the action."""
-
-    action_dimensions = 2
-
-    def command(self, states: Tensor, targets: Tensor) -> Command:
-        """The targets themselves `[B, U]`."""
-        return Command(targets, torch.ones(len(states), dtype=torch.bool))
-
-    def reset(self) -> None:
-        """Does nothing."""
-
-
-def learn(seed: int, arena: str | int) -> Learned:
-    """Wanders, fits, follows and observes, without writing anything."""
-    wandering = wander(arena, TRANSITIONS, seed)
-    model = make_forward_model(seed)
-    fit(model, wandering, seed)
-    network = make_network(model)
-    episodes = follow_both_sides(arena, seed)
-    teach(network, episodes)
-    return Learned(seed, arena, wandering, episodes, network)
 
 
 def run_conditions(learned: Learned, steps: int = STEPS) -> dict[str, Scores]:
@@ -154,16 +101,26 @@ def _conditions(learned: Learned) -> dict[str, list[Run]]:
         "recall beside a right wall": [_run_beside("right")],
         "wandering": [_run_wandering],
         "teacher's controller": [_run_teacher("left"), _run_teacher("right")],
-        "one constant target": [_driven_by(lambda: _constant_target(learned))],
-        "shuffled targets": [_driven_by(lambda: _shuffled_targets(learned))],
-        "node's mean action": [_driven_by(lambda: _mean_action(learned))],
-        "untrained forward model": [_driven_by(lambda: _with(learned, _untrained(learned)))],
-        "no abstention": [_driven_by(lambda: _with(learned, _never_abstaining(learned)))],
-        "transition matrix": [_driven_by(lambda: _with(learned, _matrix(learned)))],
-        "speed free": [_driven_by(lambda: _with(learned, _speed_free(learned)))],
+        "one constant target": [_driven_by(lambda: constant_target(learned))],
+        "shuffled targets": [_driven_by(lambda: shuffled_targets(learned))],
+        "node's mean action": [_driven_by(lambda: mean_action(learned))],
+        "untrained forward model": [_with(untrained)],
+        "no abstention": [_with(never_abstaining)],
+        "transition matrix": [_with(transition_matrix)],
+        "speed free": [_with(speed_free)],
         "noise doubled": [_driven_by(lambda: learned.network, Place(learned.arena, noise=2.0))],
         "taught on one side": [_run_taught_on(index) for index in range(len(TAUGHT_SIDES))],
     }
+
+
+def _with(make: Callable[[Learned], ForwardModel]) -> Run:
+    """With another forward model."""
+
+    def run(learned: Learned, steps: int) -> Scores:
+        network = with_forward_model(learned, make(learned))
+        return _score(learned, Recalling(network, learned.seed), steps, None, network)
+
+    return run
 
 
 def _driven_by(make: Callable[[], PACNet], place: Place | None = None) -> Run:
@@ -231,93 +188,6 @@ def _score(
         "nodes": float(len(names)),
         "cluster_agreement": cluster_agreement(run, names),
     }
-
-
-def _with(learned: Learned, forward_model: ForwardModel) -> PACNet:
-    """The taught network with another forward model."""
-    network = deepcopy(learned.network)
-    network.forward_model = forward_model
-    return network
-
-
-def _with_targets(learned: Learned, change: Callable[[Tensor], Tensor]) -> PACNet:
-    """The taught network with other targets `[P, 6]` in the place of its own."""
-    network = deepcopy(learned.network)
-    every = [network.schemas.targets(node) for node in range(len(network.schemas))]  # views
-    changed = change(torch.cat(every)).split([len(targets) for targets in every])
-    for targets, others in zip(every, changed, strict=True):
-        targets.copy_(others)
-    return network
-
-
-def _constant_target(learned: Learned) -> PACNet:
-    return _with_targets(learned, lambda targets: targets.mean(dim=0).expand_as(targets))
-
-
-def _shuffled_targets(learned: Learned) -> PACNet:
-    """Every node has the targets of another, of which each of its cues gets one by chance."""
-    network = deepcopy(learned.network)
-    own, schemas = learned.network.schemas, network.schemas
-    generator = torch.Generator().manual_seed(learned.seed)
-    nodes = own.lengths.nonzero().flatten()  # that have any
-    nodes = nodes[torch.randperm(len(nodes), generator=generator)]
-    for node, other in zip(nodes.tolist(), nodes.roll(1).tolist(), strict=True):
-        theirs, mine = own.targets(other), schemas.targets(node)  # views
-        mine.copy_(theirs[torch.randint(len(theirs), (len(mine),), generator=generator)])
-    return network
-
-
-def _mean_action(learned: Learned) -> PACNet:
-    """Each node repeats the mean of the actions that the learner made where the node won."""
-    network = make_network(Repeat(), targets=2)
-    for episode in learned.episodes:
-        network.observe(episode.percepts, episode.actions, LESSON)
-    for node in range(len(network.schemas)):
-        actions = network.schemas.targets(node)  # a view
-        actions.copy_(actions.mean(dim=0).expand_as(actions))
-    return network.eval()
-
-
-def _untrained(learned: Learned) -> MLPForwardModel:
-    return make_forward_model(learned.seed)
-
-
-def _never_abstaining(learned: Learned) -> MLPForwardModel:
-    fitted = _forward_model(learned)
-    model = MLPForwardModel(replace(fitted.config, abstain_below=0.0))
-    model.load_state_dict(fitted.state_dict())
-    return model
-
-
-def _speed_free(learned: Learned) -> MLPForwardModel:
-    model = make_forward_model(learned.seed, FREE_SPEEDS)
-    model.load_state_dict(_forward_model(learned).state_dict())
-    return model
-
-
-def _matrix(learned: Learned) -> TransitionMatrix:
-    """The paper's own forward model, from the same transitions."""
-    config = _forward_model(learned).config
-    model = TransitionMatrix(
-        TransitionMatrixConfig(
-            config.state_dimensions,
-            config.action_dimensions,
-            config.candidates[
-                1::3
-            ],  # seven, one of them straight: with more, too few transitions would be left for each
-            steps=config.steps,
-            abstain_below=config.abstain_below,
-        )
-    )
-    percepts, actions = map(torch.from_numpy, learned.wandering)
-    model.fit(percepts[:-1], actions[:-1], percepts[1:], seed=learned.seed)
-    return model
-
-
-def _forward_model(learned: Learned) -> MLPForwardModel:
-    model = learned.network.forward_model
-    assert isinstance(model, MLPForwardModel)
-    return model
 
 
 def _mean(scores: Sequence[Scores]) -> Scores:

@@ -28,7 +28,7 @@ from train.runs import (
     taught_arena,
     write_metrics,
 )
-from train.wall_conditions import STEPS, Learned, Scores, replicates, run_conditions
+from train.wall_conditions import STEPS, Scores, replicates, run_conditions
 from train.wall_episodes import Place, Recalling, act_alone, alone_seed
 from train.wall_learning import (
     TRANSITIONS,
@@ -43,6 +43,7 @@ from train.wall_learning import (
 )
 from train.wall_report import draw, draw_conditions, film, print_conditions
 from train.wall_scores import cluster_agreement, name_clusters, score_run, summarise
+from train.wall_variants import Learned
 
 
 def parse_arguments() -> argparse.Namespace:
