@@ -112,12 +112,15 @@ def make_forward_model(seed: int, speeds: Sequence[float] = (CRUISE,)) -> MLPFor
 
 
 def fit(model: MLPForwardModel, wandering: Transitions, seed: int) -> tuple[FitReport, Tensor]:
-    """Fits a forward model to wandering.
+    """Fits a forward model to wandering, and to its mirror image, for the body has two like sides.
 
     Returns:
         The report, and training and validation loss after each epoch `[E, 2]`.
     """
-    percepts, actions = map(torch.from_numpy, wandering)
+    percepts, actions = (torch.from_numpy(rows) for rows in wandering)
+    transitions = [
+        torch.cat([rows, rows.flip(1)]) for rows in (percepts[:-1], actions[:-1], percepts[1:])
+    ]
     losses = []
     with tqdm(total=MAX_EPOCHS, desc="fitting", unit="epoch") as progress:
 
@@ -125,7 +128,7 @@ def fit(model: MLPForwardModel, wandering: Transitions, seed: int) -> tuple[FitR
             losses.append((train_loss, validation_loss))
             progress.update()
 
-        report = model.fit(percepts[:-1], actions[:-1], percepts[1:], seed=seed, progress=note)
+        report = model.fit(*transitions, seed=seed, progress=note)
         progress.total = progress.n  # it stopped early: that is all there was to do
     return report, torch.tensor(losses)
 
