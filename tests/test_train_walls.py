@@ -442,6 +442,17 @@ def test_a_nodes_mean_action_is_acted_as_it_is(learned: Learned):
         torch.testing.assert_close(action, means[winner])
 
 
+def test_every_transition_is_learned_with_its_mirror_image(learned: Learned, monkeypatch):
+    fits = []
+    monkeypatch.setattr(MLPForwardModel, "fit", lambda _, *rows, **__: fits.append(rows))
+    wall_learning.fit(make_forward_model(SEED), learned.wandering, SEED)
+    ((before, actions, after),) = fits
+    percepts, wheels = learned.wandering
+    for rows, own in ((before, percepts[:-1]), (actions, wheels[:-1]), (after, percepts[1:])):
+        np.testing.assert_array_equal(rows[: len(own)], own)
+        np.testing.assert_array_equal(rows[len(own) :], own[:, ::-1])  # left for right
+
+
 def test_the_untrained_model_has_the_weights_before_the_fit(learned: Learned):
     untrained = wall_variants.untrained(learned)
     assert bytes_of(untrained) == bytes_of(make_forward_model(SEED))
