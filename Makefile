@@ -18,7 +18,7 @@ setup: $(INSTALLED)  ## install everything into .venv
 
 demo: $(INSTALLED)  ## learn to drink by watching and to follow walls by following: both experiments
 	$(BIN)/python -m train.postural_imitation
-	$(BIN)/python -m train.wall_following
+	$(BIN)/python -m train.wall_following --condition-steps 1000
 
 test: $(INSTALLED)  ## run the fast tests
 	$(PYTEST) -m "not slow"
