@@ -150,7 +150,7 @@ def train(
             optimiser.param_groups[0]["lr"] /= 2
         if progress is not None:
             progress(epoch, train_loss, validation_loss)
-    if best.epochs == 0:
+    if best.epochs == 0 < epoch:
         raise ValueError("expected transitions to learn from, got a loss that is never finite")
     network.load_state_dict(best_weights)
     return best._replace(epochs=epoch)

@@ -537,3 +537,12 @@ def test_a_held_action_never_leads_beyond_the_states_that_were_seen():
     assert predicted.flatten().tolist() == pytest.approx([1.0, 0.0], abs=0.02)
     assert predicted.min() >= model.state_low.item() >= 0
     assert predicted.max() <= model.state_high.item() <= 1
+
+
+def test_transitions_without_a_finite_loss_are_refused_and_nothing_changes(monkeypatch):
+    model = linear_model()
+    before = snapshot(model)
+    monkeypatch.setattr("pacnet.fitting._LEARNING_RATE", float("nan"))
+    with pytest.raises(ValueError, match="never finite"):
+        model.fit(*linear_system(200, seed=0), seed=0)
+    assert same(snapshot(model), before)
