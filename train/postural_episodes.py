@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -22,6 +21,7 @@ import envs  # noqa: F401  # registers the environment
 from envs.humanoid import JOINTS
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES, PosturalImitationEnv, percept
 from pacnet import NOBODY, PACNet
+from train.runs import usable_cores
 
 TASK = "drink a glass of beer"
 PERCEPTS, TARGETS = len(STATE_NAMES) + len(GLASS_NAMES), len(JOINTS)  # dimensions of each
@@ -164,7 +164,7 @@ def recall_episodes(
 def _run_all(
     checkpoint: str | Path, seeds: Sequence[int], condition: Condition
 ) -> Iterator[RecallEpisode]:
-    cores = min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1, 8)
+    cores = usable_cores()
     if cores == 1 or len(seeds) < _WORTH_A_POOL:
         yield from map(_Worker(checkpoint, condition).run, seeds)
         return

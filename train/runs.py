@@ -7,6 +7,7 @@ import datetime
 import importlib.metadata
 import json
 import math
+import os
 import platform
 import sys
 from collections.abc import Iterator, Mapping
@@ -76,6 +77,11 @@ def taught_arena(text: str) -> str | int:
             f"expected paper or a seed below {UNSEEN_ARENAS}, got '{text}': those are for tests"
         )
     return seed
+
+
+def usable_cores() -> int:
+    """Processes to share work among: the cores that this one may use, at most eight."""
+    return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1, 8)
 
 
 def make_run_folder(name: str, seed: int, runs: str | Path = "runs") -> Path:

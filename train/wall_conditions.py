@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from envs.wall_behaviours import Side
 from pacnet import ForwardModel, PACNet
-from train.runs import UNSEEN_ARENAS
+from train.runs import UNSEEN_ARENAS, usable_cores
 from train.wall_episodes import (
     TAUGHT_SIDES,
     Driver,
@@ -70,8 +70,7 @@ def replicates(seeds: Sequence[int], arena: str | int, steps: int) -> Iterator[d
     """Replicates in the order of their seeds, on all cores; their number changes nothing."""
     if not seeds:
         return
-    cores = min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1, 8)
-    pool = ProcessPoolExecutor(cores, multiprocessing.get_context("spawn"), _start_worker)
+    pool = ProcessPoolExecutor(usable_cores(), multiprocessing.get_context("spawn"), _start_worker)
     jobs = [pool.submit(replicate, seed, arena, steps) for seed in seeds]
     try:
         for job in tqdm(jobs, "replicates", unit="replicate"):

@@ -17,6 +17,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from envs.arena_scene import CONTROL_TIMESTEP
 from envs.wall_behaviours import CRUISE, WALL_DISTANCE
+from envs.wall_following import ENERGY_WIDTH
 
 SPEED = CRUISE  # of the teacher [m/s]
 TIMESTEP = CONTROL_TIMESTEP  # of a step [s]
@@ -24,7 +25,6 @@ TEACHER_DISTANCE = WALL_DISTANCE  # from the teacher's rim to its wall [m]
 
 NEAR_WALL = (0.008, 0.050)  # rim to wall, both ends included: neither touching nor away [m]
 TIGHT_MARGIN = 0.008  # about the teacher's distance [m]
-ENERGY_WIDTH = 0.010  # standard deviation of the energy's bell about the teacher's distance [m]
 BORDER = (0.045, 0.055)  # where a wall is as good as there and not there [m]
 NO_WALL_READING = 0.1  # IR reading of a wall about 51 mm away, the reach of `wall_side`
 STUCK_WINDOW = 500  # [steps]
