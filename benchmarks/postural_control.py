@@ -18,7 +18,7 @@ import torch
 
 import envs  # noqa: F401  chooses the OpenGL backend before dm_control is imported
 from envs import humanoid
-from envs.demonstrator import plan_drink
+from envs.demonstrator import plan_demonstration
 from envs.humanoid import JOINTS
 from envs.kinematics import BodyKinematics
 from envs.physics import Physics
@@ -130,7 +130,7 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     rng = np.random.default_rng(arguments.seed)
-    plan = plan_drink(BodyKinematics(), np.array(GLASS_PLACE), rng).angles
+    plan = plan_demonstration(BodyKinematics(), np.array(GLASS_PLACE), rng).angles
     results: dict[str, list[Result]] = {name: [] for name in DRIVES}
     for _ in range(arguments.repeats):
         for name, make_drive in DRIVES.items():

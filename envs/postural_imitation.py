@@ -1,8 +1,8 @@
-"""Experiment 1 as a gymnasium environment: an imitator watches a demonstrator drink a beer.
+"""Experiment 1 as a gymnasium environment: an imitator watches a demonstrator with a glass of beer.
 
-Maistros, Marom & Hayes (2001), Experiment 1. The action sets a target angle for each of the
-imitator's 11 joints; simulated PIDs drive them. The demonstrator plays a seeded plan, and the
-episode ends with it.
+Maistros, Marom & Hayes (2001), Experiment 1, and the behaviours that their schema network watches
+(Figure 2). The action sets a target angle for each of the imitator's 11 joints; simulated PIDs
+drive them. The demonstrator plays a seeded plan, and the episode ends with it.
 """
 
 from typing import Any
@@ -12,7 +12,8 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
-from envs.demonstrator import PHASES, REST_POSTURE, Demonstration, plan_drink
+from envs.behaviours import BEHAVIOURS, PHASES, REST_POSTURE
+from envs.demonstrator import Demonstration, plan_demonstration
 from envs.drawing import draw_scene
 from envs.humanoid import JOINTS
 from envs.kinematics import BodyKinematics
@@ -25,8 +26,14 @@ from envs.perception import (
     tilt_vector,
 )
 from envs.physics import CONTROL_TIMESTEP, Physics
-from envs.scene import GLASS_PLACE, IMITATOR, MAX_HEIGHT, MAX_WIDTH, WHO
-from envs.task import MOUTH_DISTANCE, measure
+from envs.postural_arguments import (
+    check_arguments,
+    check_choice,
+    checked_joints,
+    checked_mishap,
+)
+from envs.scene import GLASS_PLACE, IMITATOR, WHO
+from envs.task import Deeds, final_place, measure
 
 GLASS_SPREAD = 0.01  # [m] the glass stands within this of its nominal place, in x and in y
 __all__ = ["GLASS_NAMES", "STATE_NAMES", "PosturalImitationEnv", "percept"]
@@ -40,6 +47,13 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     A right hand closes by itself on the glass within 3 cm of it when it moves slowly. It lets go
     when the glass, lifted before, is back on the table and slow.
+
+    The demonstrator shows one behaviour. ``drink``: it takes its glass to the mouth, drinks and
+    puts it back. ``toast``: likewise, but first it raises the glass towards its opposite, and in
+    the end its hand stays beside the glass. ``move``: it puts the glass down elsewhere on the
+    table. A mishap can spoil an episode: a ``tremor`` of the right arm, ``interrupted`` soon after
+    the glass was taken, or a ``miss``, when the hand closes beside the glass and goes on empty.
+    ``info`` says whether demonstrator and imitator have done what the behaviour asks (`envs.task`).
 
     Action: targets of the imitator's joints (11,) in the order of `envs.humanoid.JOINTS`, as shares
     of their ranges: -1 is a joint's lower limit, 1 its upper. `step_to` takes the angles themselves
@@ -68,6 +82,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         noise_scale: float = 1.0,
         width: int = 640,
         height: int = 360,
+        behaviour: str = "drink",
     ) -> None:
         """Compiles the scene.
 
@@ -77,13 +92,16 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             noise_scale: factor on the perceptual noise; 0 perceives the truth.
             width: of a rendered picture [pixels].
             height: of a rendered picture [pixels].
+            behaviour: "drink", "toast" or "move".
 
         Raises:
             ValueError: an argument is out of its range.
         """
-        _check_arguments(render_mode, pace, noise_scale, width, height)
+        check_arguments(render_mode, pace, noise_scale, width, height)
+        check_choice("behaviour", behaviour, tuple(BEHAVIOURS))
         self.render_mode = render_mode
         self._pace, self._size = pace, (height, width)
+        self._behaviour = behaviour
         self._physics = Physics.build()
         self._kinematics = BodyKinematics()
         self._noise = noise_scale * noise_std()  # (50,)
@@ -111,17 +129,28 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
         Args:
             seed: decides the plan, the glasses' place and the noise.
-            options: none are known.
+            options: ``mishap`` is "tremor", "interrupted" or "miss"; without it nothing goes wrong.
 
         Returns:
             Observation and info.
+
+        Raises:
+            ValueError: an option or a mishap is not known; nothing has changed.
         """
+        mishap = checked_mishap(options)
         super().reset(seed=seed, options=options)
         spread = self.np_random.uniform(-GLASS_SPREAD, GLASS_SPREAD, size=2)
         self._place = np.array(GLASS_PLACE) + spread
-        self._demonstration = plan_drink(self._kinematics, self._place, self.np_random, self._pace)
+        self._demonstration = plan_demonstration(
+            self._kinematics,
+            self._place,
+            self.np_random,
+            behaviour=self._behaviour,
+            pace=self._pace,
+            mishap=mishap,
+        )
         self._step = 0
-        self._mouth_reached = [False, False]
+        self._deeds = (Deeds(), Deeds())
         self._physics.begin(np.stack([self._plan.angles[0], REST_POSTURE]), self._place)
         return self._observe(), self._describe()
 
@@ -140,7 +169,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             ValueError: the action is not 11 finite numbers within [-1, 1]; nothing has moved.
             ResetNeeded: the environment was never reset.
         """
-        shares = _checked("action", action)
+        shares = checked_joints("action", action)
         if np.abs(shares).max() > 1 + SLACK:
             raise ValueError(
                 f"action must be within [-1, 1], got {shares.min():.3g} to {shares.max():.3g}; "
@@ -164,7 +193,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             ValueError: the angles are not 11 finite numbers; nothing has moved.
             ResetNeeded: the environment was never reset.
         """
-        wanted = np.clip(_checked("angles", angles), self._low_angle, self._high_angle)
+        wanted = np.clip(checked_joints("angles", angles), self._low_angle, self._high_angle)
         self._physics.advance(np.stack([self.demonstrator_target, wanted]))
         self._step += 1
         wrist = self._physics.scene_state.wrist
@@ -239,16 +268,15 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     def _describe(self) -> dict[str, Any]:
         """The truth behind the observation, and the task's measures."""
         state = self._physics.scene_state
+        place = final_place(self._behaviour, self._place)
         measures = [
-            measure(state.mouth[row], state.glass[row], state.axis[row], self._place)
-            for row in (0, 1)
+            measure(state.mouth[row], state.glass[row], state.axis[row], place) for row in (0, 1)
         ]
-        for row, measured in enumerate(measures):
-            self._mouth_reached[row] |= measured.rim_to_mouth <= MOUTH_DISTANCE
-        success = [
-            self._mouth_reached[row] and measures[row].stands_at_place and not grip.held
-            for row, grip in enumerate(self._physics.grips)
-        ]
+        success = []
+        for deeds, measured, grip in zip(self._deeds, measures, self._physics.grips, strict=True):
+            deeds.update(measured)
+            is_put = measured.stands_at_place and not grip.held
+            success.append(is_put and deeds.fulfil(self._behaviour))
         return {
             "demonstrator_wrist": state.wrist[0].copy(),
             "imitator_wrist": state.wrist[1].copy(),
@@ -259,37 +287,8 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             "glass_tilt": measures[1].glass_tilt,
             "glass_position": state.glass[1].copy(),
             "phase": PHASES[self._plan.phases[min(self._step, self.episode_steps)]],
-            "mouth_reached": self._mouth_reached[1],
+            "mouth_reached": self._deeds[1].mouth_reached,
+            "toasted": self._deeds[1].toasted,
             "is_success": success[1],
             "demonstrator_success": success[0],
         }
-
-
-def _check_arguments(
-    render_mode: str | None, pace: float, noise_scale: float, width: int, height: int
-) -> None:
-    """Refuses what the environment cannot be built with."""
-    if render_mode not in (None, "rgb_array"):
-        raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
-    if not 0.1 <= pace <= 10:
-        raise ValueError(f"pace must be between 0.1 and 10, got {pace}")
-    if not 0 <= noise_scale < float("inf"):
-        raise ValueError(f"noise_scale must be finite and at least 0, got {noise_scale}")
-    if not (0 < width <= MAX_WIDTH and 0 < height <= MAX_HEIGHT):
-        raise ValueError(
-            f"width and height must be within {MAX_WIDTH} x {MAX_HEIGHT}, got {width} x {height}"
-        )
-
-
-def _checked(name: str, value: np.ndarray) -> np.ndarray:
-    """The value as float64 (11,), or a ValueError."""
-    expected = f"{name} must be {len(JOINTS)} finite numbers"
-    try:
-        numbers = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{expected}, got {value!r}") from error
-    if numbers.shape != (len(JOINTS),):
-        raise ValueError(f"{expected}, got shape {numbers.shape}")
-    if not np.isfinite(numbers).all():
-        raise ValueError(f"{expected}, got {value!r}")
-    return numbers

@@ -1,4 +1,8 @@
-"""The task's measures: the rim reaches the mouth, and the glass stands at its place again."""
+"""The tasks' measures: what was done with a glass, and whether it stands where it ought to.
+
+A drink takes the rim to the mouth and the glass back to its place. A toast is a drink before which
+the glass was raised in greeting. A move takes the glass to another place, and nobody drinks.
+"""
 
 from typing import NamedTuple
 
@@ -7,9 +11,12 @@ import numpy as np
 from envs.scene import GLASS_HEIGHT, GLASS_RADIUS, GLASS_REST_Z
 
 MOUTH_DISTANCE = 0.03  # [m] rim to mouth, for a drink
-PLACE_DISTANCE = 0.03  # [m] horizontally from where the glass stood, at the end
+PLACE_DISTANCE = 0.03  # [m] horizontally from where the glass ought to stand at the end
 UPRIGHT_TILT = 0.1  # [rad] a glass that tilts less stands upright
 STANDING_HEIGHT = 0.01  # [m] and its middle is no further than this from a standing glass's
+TOAST_POINT = (0.54, -0.17, 0.46)  # [m] of the glass's middle, body frame
+TOAST_DISTANCE = 0.06  # [m] from there, for a toast; a drink stays twice as far off
+MOVE = (-0.06, -0.21)  # [m] by which a move takes the glass towards its body and to the right
 
 
 class TaskMeasures(NamedTuple):
@@ -18,7 +25,33 @@ class TaskMeasures(NamedTuple):
     rim_to_mouth: float  # [m]
     glass_from_place: float  # [m], horizontal
     glass_tilt: float  # [rad]
-    stands_at_place: bool  # upright on the table, near where it stood
+    stands_at_place: bool  # upright on the table, near where it ought to stand
+    glass_to_toast: float  # [m]
+
+
+class Deeds:
+    """What one body has done with its glass since the episode began."""
+
+    def __init__(self) -> None:
+        """Starts with nothing done."""
+        self.mouth_reached = False
+        self.toasted = False
+
+    def update(self, measured: TaskMeasures) -> None:
+        """Takes note of one instant; a toast counts only before the first sip."""
+        self.mouth_reached |= measured.rim_to_mouth <= MOUTH_DISTANCE
+        self.toasted |= not self.mouth_reached and measured.glass_to_toast <= TOAST_DISTANCE
+
+    def fulfil(self, behaviour: str) -> bool:
+        """Whether they are those of "drink", "toast" or "move"."""
+        if behaviour == "move":
+            return not self.mouth_reached
+        return self.mouth_reached and self.toasted == (behaviour == "toast")
+
+
+def final_place(behaviour: str, place: np.ndarray) -> np.ndarray:
+    """Where a glass ought to stand at the end (2,) [m], which stood at `place` (2,) [m]."""
+    return place + MOVE if behaviour == "move" else place
 
 
 def measure(
@@ -30,7 +63,7 @@ def measure(
         mouth: (3,) [m], body frame, as all others.
         glass: the glass's middle (3,) [m].
         axis: the glass's axis (3,), of length one.
-        place: where the glass stood at first (2,) [m].
+        place: where the glass ought to stand at the end (2,) [m].
 
     Returns:
         The measures.
@@ -42,4 +75,6 @@ def measure(
     tilt = float(np.arccos(np.clip(axis[2], -1.0, 1.0)))
     from_place = float(np.hypot(glass[0] - place[0], glass[1] - place[1]))
     stands = tilt <= UPRIGHT_TILT and abs(float(glass[2]) - GLASS_REST_Z) <= STANDING_HEIGHT
-    return TaskMeasures(rim_to_mouth, from_place, tilt, stands and from_place <= PLACE_DISTANCE)
+    at_place = stands and from_place <= PLACE_DISTANCE
+    to_toast = float(np.linalg.norm(glass - TOAST_POINT))
+    return TaskMeasures(rim_to_mouth, from_place, tilt, at_place, to_toast)

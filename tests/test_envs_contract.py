@@ -9,13 +9,15 @@ from gymnasium.utils.env_checker import check_env
 import envs  # noqa: F401  registers the environments
 
 ENV_IDS = ["pacnet/PosturalImitation-v0", "pacnet/WallFollowing-v0"]
+BEHAVIOURS = [(ENV_IDS[0], {"behaviour": "toast"}), (ENV_IDS[0], {"behaviour": "move"})]
 STEP_ARGUMENTS = {"step": "action", "step_to": "angles|wheel_speeds"}  # by name in messages
 N_STEPS = 40
 
 
-@pytest.fixture(scope="module", params=ENV_IDS)
+@pytest.fixture(scope="module", params=[(env_id, {}) for env_id in ENV_IDS] + BEHAVIOURS, ids=str)
 def env(request):
-    made = gymnasium.make(request.param, render_mode="rgb_array")
+    env_id, arguments = request.param
+    made = gymnasium.make(env_id, render_mode="rgb_array", **arguments)
     yield made
     made.close()
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import envs  # noqa: F401  chooses the OpenGL backend before dm_control is imported
-from envs.demonstrator import REST_POSTURE, HeldGlass, nearest_on_rim, plan_drink, solve_postures
+from envs.behaviours import REST_POSTURE
+from envs.demonstrator import plan_demonstration, solve_postures
+from envs.held_glass import HeldGlass, nearest_on_rim
 from envs.humanoid import JOINTS
 from envs.kinematics import RIGHT_ARM, BodyKinematics
 from envs.scene import GLASS_HEIGHT, GLASS_PLACE, GLASS_REST_Z, GRIP_HEIGHT
@@ -85,14 +87,15 @@ def test_postures_meet_the_glass_and_the_mouth(body, seed):
 
 def test_a_plan_is_decided_by_its_generator(body):
     first, second, other = (
-        plan_drink(body, np.array(GLASS_PLACE), np.random.default_rng(seed)) for seed in (1, 1, 2)
+        plan_demonstration(body, np.array(GLASS_PLACE), np.random.default_rng(seed))
+        for seed in (1, 1, 2)
     )
     assert first.angles.tobytes() == second.angles.tobytes()
     assert not np.array_equal(first.angles[:100], other.angles[:100])
 
 
 def test_a_plan_begins_and_ends_at_rest_within_the_joint_ranges(body):
-    plan = plan_drink(body, np.array(GLASS_PLACE), np.random.default_rng(0))
+    plan = plan_demonstration(body, np.array(GLASS_PLACE), np.random.default_rng(0))
     assert plan.angles.shape == (len(plan.phases), 11)
     assert np.array_equal(plan.angles[0], plan.angles[-1])
     assert np.abs(plan.angles[0] - REST_POSTURE).max() < 0.15

@@ -181,6 +181,7 @@ def test_scores_are_the_means_of_hand_made_episodes():
         return RecallEpisode(
             percepts=np.zeros((samples, 28), dtype=np.float32),
             winners=np.array(winners),
+            phases=np.full(samples, "lift"),
             commanded=np.array(winners) != NOBODY,
             demonstrator_wrist=line,
             imitator_wrist=line + np.array([0, offset, 0]),

@@ -40,10 +40,12 @@ class Condition:
     Attributes:
         pace: of the demonstrator; 1.25 is 25 % faster.
         noise: factor on the perceptual noise.
+        behaviour: that is demonstrated, of `envs.behaviours.BEHAVIOURS`.
     """
 
     pace: float = 1.0
     noise: float = 1.0
+    behaviour: str = "drink"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,7 @@ class RecallEpisode:
     percepts: NDArray[np.float32]  # [T, 28]
     winners: NDArray[np.int64]  # [T], NOBODY where the match was not good enough
     commanded: NDArray[np.bool_]  # [T]
+    phases: NDArray[np.str_]  # [T] of the demonstration, when perceived
     demonstrator_wrist: NDArray[np.float64]  # [T, 3] [m], own body frame
     imitator_wrist: NDArray[np.float64]  # [T, 3] [m], own body frame
     demonstrator_angles: NDArray[np.float64]  # [T, 11] [rad]
@@ -70,6 +73,7 @@ def make_environment(condition: Condition, render: bool = False) -> PosturalImit
         render_mode="rgb_array" if render else None,
         pace=condition.pace,
         noise_scale=condition.noise,
+        behaviour=condition.behaviour,
     ).unwrapped
     assert isinstance(environment, PosturalImitationEnv)
     return environment
@@ -85,9 +89,18 @@ def recall_seeds(seed: int, count: int) -> list[int]:
     return _seeds(seed, _RECALLS, count)
 
 
-def watch_demonstration(environment: PosturalImitationEnv, seed: int) -> NDArray[np.float32]:
-    """Percepts `[T, 28]` of an imitator that rests and watches."""
-    observation, _ = environment.reset(seed=seed)
+def watch_demonstration(
+    environment: PosturalImitationEnv, seed: int, mishap: str | None = None
+) -> NDArray[np.float32]:
+    """Percepts `[T, 28]` of an imitator that rests and watches.
+
+    Args:
+        environment: to watch in.
+        seed: of the demonstration.
+        mishap: what goes wrong in it, of `envs.mishaps.MISHAPS`.
+    """
+    options = {} if mishap is None else {"mishap": mishap}
+    observation, _ = environment.reset(seed=seed, options=options)
     percepts = [percept(observation)]
     truncated = False
     while not truncated:
@@ -126,15 +139,14 @@ def recall_episode(
     steps: list[dict[str, Any]] = []
     truncated = False
     while not truncated:
-        percepts = percept(observation)
+        percepts, phase = percept(observation), info["phase"]
         recall = network.recall(torch.from_numpy(percepts)[None])
         if recall.commanded.item():
             target = recall.targets[0].numpy()
         observation, _, _, truncated, info = environment.step_to(target)
         winner = NOBODY if recall.novelty.item() else recall.winner.item()
-        steps.append(
-            {**info, "percepts": percepts, "winners": winner, "commanded": recall.commanded.item()}
-        )
+        seen = {"percepts": percepts, "phases": phase, "winners": winner}
+        steps.append({**info, **seen, "commanded": recall.commanded.item()})
         if after_step is not None:
             after_step(len(steps))
     return _recall_episode(steps)
@@ -216,6 +228,7 @@ def _recall_episode(steps: list[dict[str, Any]]) -> RecallEpisode:
         percepts=series("percepts"),
         winners=series("winners"),
         commanded=series("commanded"),
+        phases=series("phases"),
         demonstrator_wrist=series("demonstrator_wrist"),
         imitator_wrist=series("imitator_wrist"),
         demonstrator_angles=series("demonstrator_angles"),

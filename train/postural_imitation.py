@@ -106,7 +106,7 @@ def learn(network: PACNet, demonstrations: Demonstrations, log: LearningLog | No
         for demonstration in demonstrations:
             percepts = demonstration.percepts.split(CHUNK)
             for seen, done in zip(percepts, demonstration.action.split(CHUNK), strict=True):
-                observed = network.observe(seen, done, demonstration.episode)
+                observed = network.observe(seen, done, demonstration.episode, demonstration.task)
                 if log is not None:
                     log.observed(network.sofm, observed)
                 progress.update(len(seen))
