@@ -3,10 +3,15 @@
 After Maistros, Marom & Hayes, "Perception-Action Coupling via Imitation and Attention" (2001).
 """
 
+from pacnet.belief import RecognitionConfig
+from pacnet.competing_schemas import CompetingSchemas, CompetingSchemasConfig
+from pacnet.competition import Competition, CompetitionConfig
 from pacnet.forward_model import Command, ForwardModel, Selection
 from pacnet.mlp_forward_model import MLPForwardModel, MLPForwardModelConfig
 from pacnet.network import Action, PACNet, PACNetConfig, Recall
 from pacnet.pid import PIDConfig, PIDController
+from pacnet.recognition import Recognition
+from pacnet.schema_network import SchemaNetwork, SchemaNetworkConfig
 from pacnet.schemas import MotorSchemas, MotorSchemasConfig
 from pacnet.sofm import NOBODY, Attention, HabituatingSOFM, Observation
 from pacnet.sofm_config import SOFMConfig
@@ -18,6 +23,10 @@ __all__ = [
     "Action",
     "Attention",
     "Command",
+    "CompetingSchemas",
+    "CompetingSchemasConfig",
+    "Competition",
+    "CompetitionConfig",
     "ForwardModel",
     "HabituatingSOFM",
     "MLPForwardModel",
@@ -30,7 +39,11 @@ __all__ = [
     "PIDConfig",
     "PIDController",
     "Recall",
+    "Recognition",
+    "RecognitionConfig",
     "SOFMConfig",
+    "SchemaNetwork",
+    "SchemaNetworkConfig",
     "Selection",
     "TransitionMatrix",
     "TransitionMatrixConfig",

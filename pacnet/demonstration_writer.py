@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from pacnet.interrupts import interrupts_held_back
 
 # Columns that LeRobot fills in by itself.
-_RESERVED = ("timestamp", "frame_index", "episode_index", "index", "task_index", "task")
+RESERVED = ("timestamp", "frame_index", "episode_index", "index", "task_index", "task")
 
 
 class DemonstrationWriter:
@@ -118,7 +118,7 @@ class DemonstrationWriter:
             raise RuntimeError("expected save_episode inside the writer's `with` block")
         if not isinstance(task, str) or not task.strip():
             raise ValueError(f"expected the task in words, got {task!r}")
-        columns = _checked_frames(self._features, frames)
+        columns = checked_frames(self._features, frames)
         length = len(next(iter(columns.values())))
         time = np.arange(length)
         episode = {
@@ -145,9 +145,9 @@ def _checked_features(features: Mapping[str, Sequence[str]]) -> dict[str, tuple[
     if not features:
         raise ValueError("expected at least one feature, got none")
     for feature, names in features.items():
-        if feature in _RESERVED or "/" in feature:
+        if feature in RESERVED or "/" in feature:
             raise ValueError(
-                f"expected feature names without '/' and other than {', '.join(_RESERVED)}, "
+                f"expected feature names without '/' and other than {', '.join(RESERVED)}, "
                 f"got {feature!r}"
             )
         if isinstance(names, str) or not names or len(set(names)) != len(names):
@@ -164,10 +164,21 @@ def _lerobot_features(features: Mapping[str, tuple[str, ...]]) -> dict[str, dict
     }
 
 
-def _checked_frames(
-    features: Mapping[str, tuple[str, ...]], frames: Mapping[str, ArrayLike]
+def checked_frames(
+    features: Mapping[str, Sequence[str]], frames: Mapping[str, ArrayLike]
 ) -> dict[str, NDArray[np.float32]]:
-    """The episode's arrays as float32 [T, D], all of one T, or a ValueError."""
+    """An episode's arrays as the writer stores them.
+
+    Args:
+        features: Feature name -> names of its dimensions, at least one feature.
+        frames: Feature name -> its values, [T, D], float32 or float64.
+
+    Returns:
+        Feature name -> its values, float32 [T, D], all of one T.
+
+    Raises:
+        ValueError: As `DemonstrationWriter.save_episode`.
+    """
     if set(frames) != set(features):
         raise ValueError(f"expected the features {sorted(features)}, got {sorted(frames)}")
     columns = {name: _checked_rows(name, frames[name], len(features[name])) for name in features}

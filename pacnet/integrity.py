@@ -10,11 +10,13 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from pacnet.competing_schemas import CompetingSchemas
 from pacnet.schemas import MotorSchemas
+from pacnet.sequences import Sequences
 from pacnet.sofm import NOBODY, HabituatingSOFM
 
 
-def check_integrity(sofm: HabituatingSOFM, schemas: MotorSchemas) -> None:
+def check_integrity(sofm: HabituatingSOFM, schemas: MotorSchemas | CompetingSchemas) -> None:
     """Checks a map and its motor schemas, whose pool must be without gaps.
 
     Raises:
@@ -22,9 +24,12 @@ def check_integrity(sofm: HabituatingSOFM, schemas: MotorSchemas) -> None:
     """
     if len(sofm) != len(schemas):
         raise ValueError(
-            f"expected a motor schema for each node, got {len(schemas)} for {len(sofm)} nodes"
+            f"expected motor schemas for each node, got {len(schemas)} for {len(sofm)} nodes"
         )
-    for name, holds in {**_map_holds(sofm), **_schemas_hold(schemas)}.items():
+    checks = {**_map_holds(sofm), **_sequences_hold(schemas)}
+    if isinstance(schemas, CompetingSchemas):
+        checks |= _episodes_hold(schemas)
+    for name, holds in checks.items():
         if not bool(holds):
             raise ValueError(f"expected {name}, got tensors in which it does not hold")
 
@@ -44,7 +49,7 @@ def _map_holds(sofm: HabituatingSOFM) -> dict[str, Tensor | bool]:
     }
 
 
-def _schemas_hold(schemas: MotorSchemas) -> dict[str, Tensor | bool]:
+def _sequences_hold(schemas: Sequences) -> dict[str, Tensor | bool]:
     lengths = schemas.lengths
     starts, room = schemas.blocks.live("start"), schemas.blocks.live("room")
     return {
@@ -54,4 +59,29 @@ def _schemas_hold(schemas: MotorSchemas) -> dict[str, Tensor | bool]:
         "sequences laid end to end": torch.equal(starts, lengths.cumsum(0) - lengths),
         "room for each sequence's targets alone": torch.equal(room, lengths),
         "a sequence for every target": int(lengths.sum()) == len(schemas.pool),
+    }
+
+
+def _episodes_hold(schemas: CompetingSchemas) -> dict[str, Tensor | bool]:
+    blocks, passes, episodes = schemas.blocks, schemas.passes, schemas.episodes
+    node, behaviour, number = blocks.live("node"), *map(episodes.live, ("behaviour", "number"))
+    episode, schema = passes.live("episode"), passes.live("schema")
+    first, last = passes.live("first"), passes.live("last")
+    inside = (episode >= 0) & (episode < len(episodes))
+    ended = episodes.live("samples")[episode[inside]]
+    finite = [blocks.live(name) for name in ("typical_length", "fit", "continuation")]
+    return {
+        "schemas of nodes that exist": ((node >= 0) & (node < len(schemas))).all(),
+        "schemas of at least one target": (schemas.lengths > 0).all(),
+        "finite typical lengths, fits and continuations": all(t.isfinite().all() for t in finite),
+        "finite last cues": episodes.live("last_cue").isfinite().all(),
+        "behaviours that have a name": (
+            (behaviour >= 0) & (behaviour < len(schemas.behaviours))
+        ).all(),
+        "ascending numbers of episodes": (number[1:] > number[:-1]).all(),
+        "passes of episodes that exist": inside.all(),
+        "passes through schemas that exist": ((schema >= 0) & (schema < len(blocks))).all(),
+        "passes within their episodes": (
+            (first >= 0) & (first <= last) & (last < ended if inside.all() else False)
+        ).all(),
     }

@@ -14,9 +14,11 @@ import torch
 from torch import Tensor, nn
 
 from pacnet.checkpoint import read_checkpoint, write_checkpoint
+from pacnet.competing_schemas import CompetingSchemas, CompetingSchemasConfig
 from pacnet.forward_model import ForwardModel
 from pacnet.integrity import check_integrity
 from pacnet.interrupts import interrupts_held_back
+from pacnet.recognition import Recognition, Understanding, Watcher
 from pacnet.schemas import NO_EPISODE, MotorSchemas, MotorSchemasConfig
 from pacnet.sofm import NOBODY, Attention, HabituatingSOFM, Observation, Response, record
 from pacnet.sofm_config import SOFMConfig
@@ -31,11 +33,12 @@ class PACNetConfig:
 
     Attributes:
         attention: the growing map.
-        schemas: the motor schemas; their cues are as long as the map's percepts.
+        schemas: the motor schemas, one per node as in the paper or several that compete; their
+            cues are as long as the map's percepts.
     """
 
     attention: SOFMConfig
-    schemas: MotorSchemasConfig
+    schemas: MotorSchemasConfig | CompetingSchemasConfig
 
     def __post_init__(self) -> None:
         """Refuses parts that do not fit one another."""
@@ -54,7 +57,9 @@ class PACNetConfig:
         """
         try:
             attention, schemas = fields["attention"], fields["schemas"]
-            return cls(SOFMConfig(**attention), MotorSchemasConfig(**schemas))
+            several = "schemas_per_node" in schemas
+            kind = CompetingSchemasConfig if several else MotorSchemasConfig
+            return cls(SOFMConfig(**attention), kind(**schemas))
         except (KeyError, TypeError) as error:
             raise ValueError(
                 f"expected the fields of PACNetConfig, got {fields}: {error}"
@@ -75,7 +80,9 @@ class Recall(NamedTuple):
     novelty: Tensor
     """Whether the activation is under the novelty threshold, bool `[T]`."""
     position: Tensor
-    """Place of the target in the winner's sequence, int64 `[T]`; −1 where nothing is commanded."""
+    """Place of the target in its schema, int64 `[T]`; −1 where nothing is commanded."""
+    schema: Tensor
+    """Number of the schema it is from, int64 `[T]`, or `NOBODY`. With one a node, the winner."""
 
 
 class Action(NamedTuple):
@@ -128,15 +135,23 @@ class PACNet(nn.Module):
         self.config = config
         self.forward_model = forward_model
         self.sofm = HabituatingSOFM(config.attention)
-        self.schemas = MotorSchemas(config.schemas)
+        self.schemas = _make_schemas(config.schemas)
+        self._watcher: Watcher | None = None  # of the episode that is being recognised
         self.register_buffer("episode", torch.tensor(NO_EPISODE))  # the last one observed
+
+    @property
+    def behaviours(self) -> tuple[str, ...]:
+        """Names of what was shown, in the order of their first time; () with one schema a node."""
+        return tuple(self.schemas.behaviours if isinstance(self.schemas, CompetingSchemas) else ())
 
     def forward(self, percepts: Tensor) -> Attention:
         """Reads the map; see `HabituatingSOFM.forward`."""
         return self.sofm(percepts)
 
     @torch.no_grad()
-    def observe(self, percepts: Tensor, targets: Tensor, episode: int) -> Observation:
+    def observe(
+        self, percepts: Tensor, targets: Tensor, episode: int, behaviour: str = ""
+    ) -> Observation:
         """Learning phase: the map learns the percepts, habituated nodes take the targets.
 
         In eval mode nothing is learned. Observing a sequence at once equals observing it sample
@@ -147,21 +162,34 @@ class PACNet(nn.Module):
             targets: `[T, A]`, the target that goes with each percept.
             episode: number of the learning episode, ≥ 0; a call with the last one's number
                 goes on with it, a larger one starts a new episode.
+            behaviour: what is shown, in words, for `recognise` to name; with one schema a node,
+                names are not kept.
 
         Raises:
-            ValueError: wrong shape, dtype or device, empty, not finite, unequal lengths, or an
-                episode before the last one; nothing has been learned then.
+            ValueError: wrong shape, dtype or device, empty, not finite, unequal lengths, an episode
+                before the last one, or one that goes on with another behaviour; nothing has been
+                learned then.
         """
         self._check_episode(episode)
         episode = index(episode)
         percepts, targets = self._check_pair(percepts, targets)
-        if self.training:
-            self.episode.fill_(episode)
+        self._begin(episode, behaviour)
         responses = [
             self._observe_one(percept, target, episode)
             for percept, target in zip(percepts, targets, strict=True)
         ]
         return record(responses)
+
+    def _begin(self, episode: int, behaviour: str) -> None:
+        """A new learning episode, or the last one going on."""
+        if not isinstance(behaviour, str):
+            raise ValueError(f"expected behaviour as a str, got {type(behaviour).__name__}")
+        if not self.training:
+            return
+        with torch.inference_mode(False), interrupts_held_back():
+            if isinstance(self.schemas, CompetingSchemas):
+                self.schemas.begin(episode, behaviour)
+            self.episode.fill_(episode)
 
     def _observe_one(self, percept: Tensor, target: Tensor, episode: int) -> Response:
         # Growing inside a caller's inference mode would make buffers nobody can update later; a
@@ -170,12 +198,23 @@ class PACNet(nn.Module):
             response = self.sofm.attend(percept)
             if response.inserted:
                 self.schemas.add_node()
-            elif self.training:
-                winner = int(response.attention.winner)
-                self.schemas.write(winner, target, percept, episode, habituated=response.habituated)
+            if self.training:
+                self._write(response, percept, target, episode)
             if response.deleted is not None:
                 self.schemas.delete(response.deleted)
         return response
+
+    def _write(self, response: Response, percept: Tensor, target: Tensor, episode: int) -> None:
+        """Hands one sample to the motor schemas of its winner, or of the node just made."""
+        winner = len(self.sofm) - 1 if response.inserted else int(response.attention.winner)
+        habituated = response.habituated
+        if isinstance(self.schemas, CompetingSchemas):
+            activation = float(response.attention.activation)
+            self.schemas.write(
+                winner, target, percept, activation=activation, habituated=habituated
+            )
+        else:
+            self.schemas.write(winner, target, percept, episode, habituated=habituated)
 
     @torch.no_grad()
     def recall(self, percepts: Tensor) -> Recall:
@@ -197,14 +236,52 @@ class PACNet(nn.Module):
             (len(percepts), self.config.schemas.target_dimensions), torch.nan
         )
         position = torch.full_like(attention.winner, NOBODY)
-        for sample in (~attention.novelty).nonzero().flatten().tolist():
-            recalled = self.schemas.recall(int(attention.winner[sample]), percepts[sample])
+        schema = position.clone()
+        matching = torch.where(attention.novelty, NOBODY, attention.winner).tolist()
+        for sample, node in enumerate(matching):
+            recalled = self.schemas.recall(node, percepts[sample])
             if recalled is not None:
-                targets[sample], position[sample] = recalled
+                targets[sample], position[sample], schema[sample] = recalled
         return Recall(
             targets, position != NOBODY, attention.winner, attention.activation,
-            attention.novelty, position,
+            attention.novelty, position, schema,
         )  # fmt: skip
+
+    @torch.no_grad()
+    def recognise(self, percepts: Tensor) -> Recognition:
+        """Watches and does nothing: says what is being done, going on from the last call.
+
+        `reset` starts a new episode. What `recall` is about is not touched: both can be asked about
+        the same percepts.
+
+        Args:
+            percepts: `[T, D]`, in order of time.
+
+        Raises:
+            ValueError: one schema a node, or nothing learned yet, so that there is nothing to
+                recognise; percepts of the wrong shape, dtype or device, empty, or not finite.
+        """
+        scaled = self.sofm.scaled(percepts)
+        schemas = self.schemas
+        if not isinstance(schemas, CompetingSchemas):
+            raise ValueError(
+                "expected CompetingSchemasConfig to recognise with, got one schema a node"
+            )
+        if self._watcher is None or not self._watcher.is_current:
+            self._watcher = Watcher(schemas)
+        attention = self.sofm.read(scaled)
+        samples = zip(*map(self._watcher.see, scaled), strict=True)
+        understood = Understanding(*map(torch.stack, samples))
+        return Recognition(
+            understood.probability,
+            understood.behaviour,
+            understood.progress,
+            understood.next_percept / self.sofm.scale,
+            understood.end_percept / self.sofm.scale,
+            understood.novelty,
+            understood.novelty > schemas.config.recognition.novel_above,
+            torch.where(attention.novelty, NOBODY, attention.winner),
+        )
 
     @torch.no_grad()
     def act(self, percepts: Tensor, states: Tensor | None = None) -> Action:
@@ -238,6 +315,7 @@ class PACNet(nn.Module):
     def reset(self) -> None:
         """Starts a new recall episode; what was learned stays."""
         self.schemas.reset()
+        self._watcher = None
         if self.forward_model is not None:
             self.forward_model.reset()
 
@@ -311,6 +389,14 @@ class PACNet(nn.Module):
                 f"expected one target for each of {len(percepts)} percepts, got {len(targets)}"
             )
         return percepts, targets
+
+
+def _make_schemas(
+    config: MotorSchemasConfig | CompetingSchemasConfig,
+) -> MotorSchemas | CompetingSchemas:
+    if isinstance(config, CompetingSchemasConfig):
+        return CompetingSchemas(config)
+    return MotorSchemas(config)
 
 
 def _checked_states(states: Tensor, percepts: Tensor) -> Tensor:

@@ -12,7 +12,8 @@ from typing import Literal, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from pacnet.rows import Column, GrowableRows
+from pacnet.sequences import NUMBER, Sequences
+from pacnet.sofm import NOBODY
 from pacnet.validation import check_fields, check_rows, is_integer
 
 NO_EPISODE = -1
@@ -56,54 +57,28 @@ class RecalledTarget(NamedTuple):
     """The current target of a motor schema."""
 
     target: Tensor  # [A]
-    position: int  # its place in the node's sequence; of several, that of the nearest cue
+    position: int  # its place in its sequence; of several, that of the nearest cue
+    schema: int  # number of the sequence
 
 
-class MotorSchemas(nn.Module):
-    """One growable sequence of targets per node.
+class MotorSchemas(Sequences):
+    """One growable sequence of targets per node, overwritten by each new episode.
 
-    All sequences lie in one pool of (target, cue) rows; `blocks` says where each node's sequence
-    starts, how long it is and how much room it has before it must move to the pool's end. So a
-    sequence is always contiguous, appending costs constant time on average, and a saved pool
-    holds no gaps.
+    The number of a sequence is that of its node.
 
     Args:
         config: see `MotorSchemasConfig`.
     """
 
     def __init__(self, config: MotorSchemasConfig) -> None:
-        super().__init__()
+        super().__init__(config.target_dimensions, config.percept_dimensions, {"episode": NUMBER})
         self.config = config
-        self.pool = GrowableRows(
-            {
-                "target": Column((config.target_dimensions,), torch.float32),
-                "cue": Column((config.percept_dimensions,), torch.float32),
-            }
-        )
-        number = Column((), torch.int64)
-        self.blocks = GrowableRows(
-            {"start": number, "length": number, "room": number, "episode": number}
-        )
-        self.register_state_dict_pre_hook(_close_gaps)
         self.register_load_state_dict_post_hook(_start_recall_afresh)
         self.reset()
 
     def __len__(self) -> int:
         """The number of nodes."""
         return len(self.blocks)
-
-    @property
-    def lengths(self) -> Tensor:
-        """Number of targets of each node, int64 `[N]`."""
-        return self.blocks.live("length")
-
-    def targets(self, node: int) -> Tensor:
-        """The node's targets in order, `[L, A]`."""
-        return self._sequence("target", node)
-
-    def cues(self, node: int) -> Tensor:
-        """The percepts, in the map's scaled units, that the node's targets were shown with."""
-        return self._sequence("cue", node)
 
     def reset(self) -> None:
         """Starts a recall episode: every position is forgotten."""
@@ -149,7 +124,7 @@ class MotorSchemas(nn.Module):
             self.blocks.live("length")[node] = 0
             self.blocks.live("episode")[node] = episode
         # Rule 2: the same learning episode. The target is appended.
-        self._append(node, target, cue)
+        self._append(node, {"target": target, "cue": cue})
 
     @torch.no_grad()
     def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
@@ -162,7 +137,7 @@ class MotorSchemas(nn.Module):
         was, and off the end the last target stays. `reset` starts a new episode.
 
         Args:
-            node: the winner.
+            node: the winner, or `NOBODY`.
             percept: `[D]`, scaled.
 
         Returns:
@@ -171,6 +146,8 @@ class MotorSchemas(nn.Module):
         Raises:
             ValueError: no such node.
         """
+        if node == NOBODY:
+            return None
         self._check_node(node)
         targets = self.targets(node)
         if len(targets) == 0:
@@ -179,54 +156,16 @@ class MotorSchemas(nn.Module):
             return self._recall_by_cue(node, percept, targets)
         position = min(self._positions.get(node, -1) + 1, len(targets) - 1)
         self._positions[node] = position
-        return RecalledTarget(targets[position].clone(), position)
+        return RecalledTarget(targets[position].clone(), position, node)
 
     def _recall_by_cue(self, node: int, percept: Tensor, targets: Tensor) -> RecalledTarget:
         distance = (self.cues(node) - percept).square().sum(dim=1)  # [L], squared
         nearest = distance.argsort(stable=True)[: self.config.nearest_cues]
-        return RecalledTarget(targets[nearest].mean(dim=0), int(nearest[0]))
+        return RecalledTarget(targets[nearest].mean(dim=0), int(nearest[0]), node)
 
     def _check_node(self, node: int) -> None:
         if not 0 <= node < len(self):
             raise ValueError(f"expected a node from 0 to {len(self) - 1}, got {node}")
-
-    def _sequence(self, column: str, node: int) -> Tensor:
-        start, length = int(self.blocks.live("start")[node]), int(self.lengths[node])
-        return self.pool.live(column)[start : start + length]
-
-    def _append(self, node: int, target: Tensor, cue: Tensor) -> None:
-        if self.lengths[node] == self.blocks.live("room")[node]:
-            self._make_room(node)
-        row = int(self.blocks.live("start")[node] + self.lengths[node])
-        self.pool.live("target")[row] = target
-        self.pool.live("cue")[row] = cue
-        self.lengths[node] += 1
-
-    def _make_room(self, node: int) -> None:
-        """Moves the node's sequence to the pool's end, into a block of twice the room."""
-        if len(self.pool) > 4 * max(8, int(self.blocks.live("room").sum())):
-            _close_gaps(self)
-        targets, cues = self.targets(node), self.cues(node)
-        length = len(targets)
-        room = max(8, 2 * length)
-        start = self.pool.extend(room)
-        self.pool.live("target")[start : start + length] = targets
-        self.pool.live("cue")[start : start + length] = cues
-        self.blocks.live("start")[node] = start
-        self.blocks.live("room")[node] = room
-
-
-def _close_gaps(schemas: nn.Module, *_: object) -> None:
-    """Lays the sequences end to end in the order of their nodes; what they hold stays the same."""
-    assert isinstance(schemas, MotorSchemas)
-    blocks = schemas.blocks
-    lengths = blocks.live("length")
-    starts = lengths.cumsum(0) - lengths
-    # Row of the pool for each place: its sequence's old start plus its place within the sequence.
-    shift = torch.repeat_interleave(blocks.live("start") - starts, lengths)
-    schemas.pool.keep(torch.arange(len(shift), device=shift.device) + shift)
-    blocks.live("start").copy_(starts)
-    blocks.live("room").copy_(lengths)
 
 
 def _start_recall_afresh(schemas: nn.Module, _incompatible_keys: object) -> None:

@@ -28,8 +28,11 @@ from pacnet import (
     SOFMConfig,
     fitting,
 )
+from pacnet.competition import CompetitionConfig
 from pacnet.mlp_forward_model import MLPForwardModel, MLPForwardModelConfig
 from pacnet.rows import Column, GrowableRows
+from pacnet.schema_network import SchemaNetwork
+from pacnet.schema_network_config import SchemaNetworkConfig
 from pacnet.transition_matrix import TransitionMatrix, TransitionMatrixConfig
 
 Tensors = tuple[Tensor, ...]
@@ -161,6 +164,22 @@ def lesson(percepts: Tensor, targets: Tensor) -> Tensors:
     return walk[:-1], targets[:, :1].repeat(4, 1)[:-1], walk[1:]
 
 
+def make_schema_network() -> SchemaNetwork:
+    competition = CompetitionConfig(threshold=0.25, margin=0.125)
+    return SchemaNetwork(SchemaNetworkConfig(2, 3, scale=(2.0, 1.0), competition=competition))
+
+
+def learn_schema_network(network: SchemaNetwork, percepts: Tensor, targets: Tensor) -> Tensors:
+    parts = zip(percepts.split(DWELL), targets.split(DWELL), strict=True)
+    return (torch.tensor([network.add_schema(*part) for part in parts]),)
+
+
+def use_schema_network(network: SchemaNetwork, percepts: Tensor, _targets: Tensor) -> Tensors:
+    network.reset()
+    recall = network.recall(percepts)
+    return (*recall[:3], *recall.activity, *network(percepts))
+
+
 CANDIDATES = ((-1.0,), (0.0,), (1.0,))
 
 
@@ -202,6 +221,9 @@ CASES = {
     "HabituatingSOFM-gwr": Case(lambda: HabituatingSOFM(map_config("gwr")), learn_map, use_map),
     "PACNet-paper-cue": Case(lambda: make_network("paper", "cue"), learn_network, use_network),
     "PACNet-gwr-order": Case(lambda: make_network("gwr", "order"), learn_network, use_network),
+    "SchemaNetwork": Case(
+        make_schema_network, learn_schema_network, use_schema_network, freezes=False
+    ),
     "PIDController": Case(make_controller, learn_controller, use_controller),
     "MLPForwardModel": Case(
         make_mlp, learn_mlp, use_forward_model, by_gradient=True, freezes=False

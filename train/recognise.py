@@ -1,0 +1,180 @@
+"""Recognises, acting on nothing, the behaviours in a LeRobot dataset by a taught checkpoint.
+
+Each episode is watched from its start. At each frame the network says which of the behaviours it
+was taught this is, how far along, what comes next and at the end, and how new it is. Writes a copy
+of the dataset with these as extra columns, figures of the first episodes and scores into
+`runs/recognise/<time>-seed<N>/`. Nothing is drawn at random: the seed names the folder, no more.
+
+A percept is `observation.state`, followed by `observation.environment_state` if there is one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from pacnet import PACNet
+from pacnet.annotations import write_annotated
+from pacnet.competing_schemas import CompetingSchemasConfig
+from pacnet.demonstrations import Demonstrations, load_demonstrations
+from pacnet.lerobot_files import read_info
+from pacnet.recognition import Recognition
+from train.recognition_figures import recognition_over_time
+from train.recognition_scores import Watched, print_table, score_all, score_episode
+from train.runs import make_parser, natural, run_folder, save_figures, write_metrics
+
+STATE, ENVIRONMENT_STATE = "observation.state", "observation.environment_state"
+CHUNK = 50  # samples between two steps of the progress bar
+
+
+def parse_arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = make_parser("train.recognise", __doc__)
+    parser.add_argument("checkpoint", help="folder of a taught network")
+    parser.add_argument("dataset", help="folder of a LeRobot dataset (format v3.0)")
+    parser.add_argument("--figures", type=natural, default=8, help="first episodes to draw")
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Load, watch, show."""
+    arguments = parse_arguments()
+    try:
+        network = PACNet.from_pretrained(arguments.checkpoint).eval()
+        demonstrations = load_percepts(Path(arguments.dataset))
+        check(network, demonstrations)
+    except (OSError, ValueError) as error:
+        raise SystemExit(f"error: {error}") from error
+    with run_folder("recognise", arguments.seed, arguments.runs) as folder:
+        run(arguments, network, demonstrations, folder)
+
+
+def load_percepts(dataset: Path) -> Demonstrations:
+    """What there is to watch in a dataset; nobody needs to have acted in it."""
+    surroundings = (
+        ENVIRONMENT_STATE if ENVIRONMENT_STATE in read_info(dataset)["features"] else None
+    )
+    return load_demonstrations(dataset, environment_state=surroundings, action=STATE)
+
+
+def check(network: PACNet, demonstrations: Demonstrations) -> None:
+    """Refuses a network that does not take such percepts, or cannot recognise anything."""
+    takes, got = network.config.attention.dimensions, len(percept_names(demonstrations))
+    if takes != got:
+        raise ValueError(
+            f"expected percepts of {takes} dimensions, as the checkpoint takes, "
+            f"got {got} from the dataset's {' and '.join(demonstrations.names)}"
+        )
+    network.recognise(demonstrations.episodes[0].percepts[:1])
+
+
+def percept_names(demonstrations: Demonstrations) -> tuple[str, ...]:
+    """The dimensions of a percept, after their features too where two have one name."""
+    pairs = [(part, name) for part, names in demonstrations.names.items() for name in names]
+    names = tuple(name for _, name in pairs)
+    if len(set(names)) < len(names):
+        return tuple(f"{part}.{name}" for part, name in pairs)
+    return names
+
+
+def run(
+    arguments: argparse.Namespace, network: PACNet, demonstrations: Demonstrations, folder: Path
+) -> None:
+    """Recognition of all episodes, its scores, figures and dataset."""
+    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    watched = watch(network, demonstrations)
+    episodes = [score_episode(one, network.behaviours, demonstrations.fps) for one in watched]
+    totals = score_all(watched, network.behaviours)
+    scores = {"behaviours": network.behaviours, **totals, "episodes": episodes}
+    options = ["--seed", str(arguments.seed), "--figures", str(arguments.figures)]
+    command = ["python", "-m", "train.recognise", arguments.checkpoint, arguments.dataset, *options]
+    write_metrics(folder / "metrics.json", shlex.join(command), arguments.seed, scores)
+    save_figures(
+        folder / "figures", draw(watched[: arguments.figures], network, demonstrations.fps)
+    )
+    print_table(episodes, totals)
+    print(f"\nscores    {folder / 'metrics.json'}\nfigures   {folder / 'figures'}")
+    columns = column_names(network.behaviours, percept_names(demonstrations))
+    try:
+        write_annotated(arguments.dataset, folder / "dataset", columns, map(column_values, watched))
+    except ValueError as error:
+        raise SystemExit(f"error: no copy of the dataset was written: {error}") from error
+    print(f"dataset   {folder / 'dataset'}")
+
+
+def watch(network: PACNet, demonstrations: Demonstrations) -> list[Watched]:
+    """Recognises one episode after the other, each from its start."""
+    watched = []
+    total = sum(len(demonstration.state) for demonstration in demonstrations)
+    with tqdm(total=total, desc="recognising", unit="sample") as progress:
+        for demonstration in demonstrations:
+            network.reset()
+            parts = []
+            for percepts in demonstration.percepts.split(CHUNK):
+                parts.append(network.recognise(percepts))
+                progress.update(len(percepts))
+            recognition = Recognition(*map(torch.cat, zip(*parts, strict=True)))
+            watched.append(Watched(demonstration, recognition))
+    return watched
+
+
+def draw(watched: Sequence[Watched], network: PACNet, fps: float) -> dict[str, Figure]:
+    """Name -> figure of each episode."""
+    schemas = network.config.schemas
+    assert isinstance(schemas, CompetingSchemasConfig)  # else nothing had been recognised
+    titles, threshold = shown(network.behaviours), schemas.recognition.novel_above
+    figures = {}
+    for one in tqdm(watched, "drawing", unit="figure"):
+        number, task = one.demonstration.episode, one.demonstration.task
+        title = f"Episode {number}, recorded as “{task}”"
+        figures[f"episode_{number:03}"] = recognition_over_time(
+            one.recognition, titles, threshold, 1 / fps, title
+        )
+    return figures
+
+
+def shown(behaviours: Sequence[str]) -> tuple[str, ...]:
+    """What the behaviours are called where a name is needed."""
+    return tuple(name or "untitled" for name in behaviours)
+
+
+def column_names(behaviours: Sequence[str], percept: Sequence[str]) -> dict[str, Sequence[str]]:
+    """The extra columns of the dataset and their dimensions.
+
+    Args:
+        behaviours: name of each behaviour that the network knows.
+        percept: name of each dimension of a percept.
+    """
+    scalars = ("progress", "novelty", "is_novel", "winner")
+    return {
+        "behaviour": shown(behaviours),
+        **{name: (name,) for name in scalars},
+        "expected_next": percept,
+        "expected_end": percept,
+    }
+
+
+def column_values(watched: Watched) -> dict[str, NDArray[Any]]:
+    """The extra columns of an episode [T, K]."""
+    recognition = watched.recognition
+    return {
+        "behaviour": recognition.probability.numpy(),
+        "progress": recognition.progress[:, None].numpy(),
+        "novelty": recognition.novelty[:, None].numpy(),
+        "is_novel": recognition.is_novel[:, None].numpy(),
+        "winner": recognition.winner[:, None].numpy(),
+        "expected_next": recognition.next_percept.numpy(),
+        "expected_end": recognition.end_percept.numpy(),
+    }
+
+
+if __name__ == "__main__":
+    main()

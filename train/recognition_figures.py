@@ -1,0 +1,153 @@
+"""The figure of one recognised episode over time, from arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import PercentFormatter
+from numpy.typing import NDArray
+
+from pacnet.figure_style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, tidy, winner_series
+from pacnet.recognition import Recognition
+
+# Okabe & Ito's, the lightest last; a seventh behaviour starts again, hatched.
+_COLOURS = (BLUE, VERMILION, GREEN, "#cc79a7", "#56b4e9", "#e69f00")
+_HATCHES = ("", "///", "...", "xxx")
+_NUMBERED_NODES = 8  # most whose numbers fit beside their rows
+
+
+def recognition_over_time(
+    recognition: Recognition,
+    behaviours: Sequence[str],
+    threshold: float,
+    timestep: float,
+    title: str,
+) -> Figure:
+    """What was recognised in an episode: behaviour, progress, novelty and winners over time.
+
+    Progress is drawn against a steady pace from the first to the last sample; progress and winners
+    have the colour of the behaviour that is the most probable at that time. Novel stretches are
+    shaded.
+
+    Args:
+        recognition: of the episode's T samples, from its start.
+        behaviours: title of each known behaviour [B].
+        threshold: of novelty.
+        timestep: Time from one sample to the next [s].
+        title: of the figure.
+
+    Raises:
+        ValueError: Not one title for each behaviour, or a timestep that is not positive.
+    """
+    known = recognition.probability.shape[1]
+    if len(behaviours) != known:
+        raise ValueError(f"expected titles of {known} behaviours, got {list(behaviours)}")
+    if not timestep > 0:
+        raise ValueError(f"expected timestep > 0 [s], got {timestep}")
+    seconds = timestep * np.arange(len(recognition.behaviour))
+    named = recognition.behaviour.numpy()
+    figure = new_figure(8.5, 7.4)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12)
+    panels = figure.subplots(4, 1, sharex=True, height_ratios=(1.3, 1.3, 1, 1.3))
+    _draw_probabilities(panels[0], seconds, timestep, recognition.probability.numpy())
+    _draw_progress(panels[1], seconds, recognition.progress.numpy(), named)
+    _draw_novelty(panels[2], seconds, recognition.novelty.numpy(), threshold)
+    _draw_winners(panels[3], seconds, winner_series(recognition.winner.numpy()), named)
+    for axes in panels[1:]:
+        _shade(axes, seconds, timestep, recognition.is_novel.numpy())
+    panels[-1].set_xlim(0, seconds[-1] + timestep)
+    panels[-1].set_xlabel("time [s]")
+    figure.align_ylabels()
+    figure.legend(handles=_legend(behaviours), loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def _draw_probabilities(
+    axes: Axes, seconds: NDArray, timestep: float, probability: NDArray
+) -> None:
+    tidy(axes, "Probability of each known behaviour", "", "probability")
+    edges = np.append(seconds, seconds[-1] + timestep)
+    tops = np.cumsum(np.vstack([np.zeros(len(seconds)), *probability.T]), axis=0)  # [B + 1, T]
+    tops = np.column_stack([tops, tops[:, -1]])  # up to the end of the last sample
+    for number, (below, above) in enumerate(pairwise(tops)):
+        axes.fill_between(
+            edges, below, above, facecolor=_colour(number), hatch=_hatch(number),
+            edgecolor="white", linewidth=0, step="post",
+        )  # fmt: skip
+    axes.set_ylim(0, 1)
+    axes.yaxis.set_major_formatter(PercentFormatter(1))
+
+
+def _draw_progress(axes: Axes, seconds: NDArray, progress: NDArray, named: NDArray) -> None:
+    tidy(axes, "Progress in the most probable behaviour", "", "progress")
+    axes.plot(seconds[[0, -1]], (0, 1), "--", color=INK, linewidth=1)
+    _dots(axes, seconds, progress, named)
+    axes.set_ylim(-0.03, 1.03)
+    axes.yaxis.set_major_formatter(PercentFormatter(1))
+
+
+def _draw_novelty(axes: Axes, seconds: NDArray, novelty: NDArray, threshold: float) -> None:
+    tidy(axes, "Novelty", "", "novelty")
+    axes.plot(seconds, novelty, color=INK, linewidth=1.2)
+    axes.axhline(threshold, color=INK, linestyle=":", linewidth=1.4)
+    axes.set_ylim(0, 1)
+
+
+def _draw_winners(axes: Axes, seconds: NDArray, winners: NDArray, named: NDArray) -> None:
+    """A row a node, in the order in which they first win; no match in a row below."""
+    tidy(axes, "Winning nodes", "", "node, by first win")
+    order = [node for node in dict.fromkeys(winners.tolist()) if node >= 0]
+    row_of = {node: row for row, node in enumerate(order)}
+    nobody = -max(1, 0.12 * len(order))  # the row below, far enough for its name
+    rows = np.array([row_of.get(node, nobody) for node in winners.tolist()])
+    won = winners >= 0
+    _dots(axes, seconds[won], rows[won], named[won])
+    axes.plot(seconds[~won], rows[~won], "x", color=INK, markersize=4)
+    every = -(-len(order) // _NUMBERED_NODES) or 1
+    ticks = {float(row): str(order[row]) for row in range(0, len(order), every)}
+    if not won.all():
+        ticks[nobody] = "no match"
+    axes.set_yticks(list(ticks), list(ticks.values()))
+    axes.set_ylim(min(ticks) - 0.6, max(len(order), 1) - 0.4)
+
+
+def _dots(axes: Axes, seconds: NDArray, values: NDArray, named: NDArray) -> None:
+    """Samples, in the colour of the behaviour that each was named."""
+    for number in np.unique(named):
+        own = named == number
+        axes.plot(seconds[own], values[own], ".", color=_colour(number), markersize=4)
+
+
+def _shade(axes: Axes, seconds: NDArray, timestep: float, novel: NDArray) -> None:
+    axes.fill_between(
+        np.append(seconds, seconds[-1] + timestep), 0, 1, where=np.append(novel, novel[-1]),
+        step="post", transform=axes.get_xaxis_transform(), color=GREY, alpha=0.3, linewidth=0,
+        zorder=0,
+    )  # fmt: skip
+
+
+def _legend(behaviours: Sequence[str]) -> list[Patch | Line2D]:
+    shares = [
+        Patch(facecolor=_colour(number), hatch=_hatch(number), edgecolor="white", label=title)
+        for number, title in enumerate(behaviours)
+    ]
+    return [
+        *shares,
+        Line2D([], [], color=INK, linestyle="--", linewidth=1, label="steady pace"),
+        Line2D([], [], color=INK, linestyle=":", linewidth=1.4, label="novelty threshold"),
+        Patch(facecolor=GREY, alpha=0.3, label="novel"),
+    ]
+
+
+def _colour(number: int) -> str:
+    return _COLOURS[number % len(_COLOURS)]
+
+
+def _hatch(number: int) -> str:
+    return _HATCHES[number // len(_COLOURS) % len(_HATCHES)]
