@@ -4,11 +4,13 @@ After Maistros, Marom & Hayes, "Perception-Action Coupling via Imitation and Att
 """
 
 from pacnet.belief import RecognitionConfig
-from pacnet.competing_schemas import CompetingSchemas, CompetingSchemasConfig
+from pacnet.competing_schemas import CompetingSchemas
+from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.competition import Competition, CompetitionConfig
 from pacnet.forward_model import Command, ForwardModel, Selection
 from pacnet.mlp_forward_model import MLPForwardModel, MLPForwardModelConfig
-from pacnet.network import Action, PACNet, PACNetConfig, Recall
+from pacnet.network import Action, PACNet, Recall
+from pacnet.network_config import PACNetConfig
 from pacnet.pid import PIDConfig, PIDController
 from pacnet.recognition import Recognition
 from pacnet.schema_network import SchemaNetwork, SchemaNetworkConfig

@@ -104,17 +104,20 @@ class Belief:
         self.timeline = timeline
         self.config = config
         self.probability = timeline.start  # [E, P]
+        self._begun = False
+        self._ahead: Tensor | None = None
 
     def ahead(self) -> Tensor:
         """The belief one sample on, before anything new is seen, `[E, P]`."""
-        advance, places = self.timeline.advance, self.probability.shape[1]
-        ahead = torch.zeros_like(self.probability)
-        for step in range(min(advance.shape[1], places)):
-            moved = self.probability * advance[:, step : step + 1]
-            ahead[:, step:] += moved[:, : places - step]
-            if step:  # at the last place an episode stays
-                ahead[:, -1] += moved[:, places - step :].sum(dim=1)
-        return ahead / ahead.sum()
+        if self._ahead is None:
+            steps, places = self.timeline.advance.shape[1], self.probability.shape[1]
+            beyond = torch.nn.functional.pad(self.probability, (steps - 1, steps - 1))
+            # Every place's share of those up to `steps` before it: a convolution in each episode.
+            kernel = self.timeline.advance.flip(1)[:, None]  # [E, 1, K]
+            ahead = torch.nn.functional.conv1d(beyond[None], kernel, groups=len(kernel))[0]
+            ahead[:, places - 1] = ahead[:, places - 1 :].sum(dim=1)  # at its end an episode stays
+            self._ahead = ahead[:, :places] / ahead[:, :places].sum()
+        return self._ahead
 
     def update(self, distances: Tensor) -> None:
         """Takes in one percept.
@@ -123,14 +126,13 @@ class Belief:
             distances: of the percept from the cue of every row of the pool, `[R]`.
         """
         fit = torch.exp(-((distances.double() / self.config.width) ** 2) / 2)
-        likelihood = fit[self.timeline.rows] + self.config.mismatch  # [E, P]
-        if self.probability is self.timeline.start:  # the first sample
-            expected = self.probability
-        else:
+        expected = self.timeline.start
+        if self._begun:
             restart = self.config.restart
             expected = (1 - restart) * self.ahead() + restart * self.timeline.start
-        weighed = expected * likelihood
-        self.probability = weighed / weighed.sum()
+        weighed = expected * (fit[self.timeline.rows] + self.config.mismatch)
+        self.probability = weighed / weighed.sum()  # [E, P]
+        self._begun, self._ahead = True, None
 
     def of_episodes(self) -> Tensor:
         """The probability of each known episode, `[E]`."""

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from pacnet.competing_schemas import CompetingSchemas
+from pacnet.retraining import OPEN
 from pacnet.schemas import MotorSchemas
 from pacnet.sequences import Sequences
 from pacnet.sofm import NOBODY, HabituatingSOFM
@@ -74,6 +75,13 @@ def _episodes_hold(schemas: CompetingSchemas) -> dict[str, Tensor | bool]:
         "schemas of nodes that exist": ((node >= 0) & (node < len(schemas))).all(),
         "schemas of at least one target": (schemas.lengths > 0).all(),
         "finite typical lengths, fits and continuations": all(t.isfinite().all() for t in finite),
+        "a pass for each support of a schema": torch.equal(
+            torch.bincount(schema.clamp(min=0), minlength=len(blocks)),
+            blocks.live("support").clamp(min=1),
+        ),
+        "positive lengths of what is supported": (
+            (blocks.live("typical_length") > 0) | (blocks.live("support") == OPEN)
+        ).all(),
         "finite last cues": episodes.live("last_cue").isfinite().all(),
         "behaviours that have a name": (
             (behaviour >= 0) & (behaviour < len(schemas.behaviours))

@@ -158,6 +158,27 @@ def switches(winners: ArrayLike) -> int:
     return max(sum(1 for _ in groupby(_won(winners))) - 1, 0)
 
 
+def area_under_roc(known: ArrayLike, new: ArrayLike) -> float:
+    """How well a score tells the new from the known.
+
+    The chance that a new one has the higher score of a random pair, half a chance where both are
+    equal: the area under the receiver operating characteristic (Hanley & McNeil 1982).
+
+    Args:
+        known: scores [N] of what is known.
+        new: scores [M] of what is new.
+
+    Returns:
+        From 0 to 1; 0.5 tells nothing.
+
+    Raises:
+        ValueError: Scores that are not one or more finite numbers.
+    """
+    below, above = np.sort(_scores(known, "known")), _scores(new, "new")
+    wins = np.searchsorted(below, above, "left") + np.searchsorted(below, above, "right")
+    return float(wins.mean() / (2 * len(below)))
+
+
 def _triangle_areas(p: NDArray, q: NDArray, r: NDArray) -> NDArray:
     """Areas [T] of the triangles with corners p, q, r [T, 2 or 3]."""
     u, v = q - p, r - p
@@ -197,3 +218,10 @@ def _integers(value: ArrayLike, name: str) -> list[int]:
     if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
         raise ValueError(f"expected {name} as integers [T], got {array.dtype} {array.shape}")
     return array.tolist()
+
+
+def _scores(value: ArrayLike, name: str) -> NDArray[np.float64]:
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
+        raise ValueError(f"expected {name} as one or more finite numbers, got shape {array.shape}")
+    return array

@@ -5,65 +5,27 @@ Source: Maistros, Marom & Hayes (2001), section "The Integrated System", Figure 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from operator import index
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from pacnet.checkpoint import read_checkpoint, write_checkpoint
-from pacnet.competing_schemas import CompetingSchemas, CompetingSchemasConfig
+from pacnet.competing_schemas import CompetingSchemas
+from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.forward_model import ForwardModel
 from pacnet.integrity import check_integrity
 from pacnet.interrupts import interrupts_held_back
+from pacnet.network_config import PACNetConfig
 from pacnet.recognition import Recognition, Understanding, Watcher
 from pacnet.schemas import NO_EPISODE, MotorSchemas, MotorSchemasConfig
 from pacnet.sofm import NOBODY, Attention, HabituatingSOFM, Observation, Response, record
-from pacnet.sofm_config import SOFMConfig
 from pacnet.validation import check_rows
 
 _LAST_EPISODE = 2**63 - 1  # that an int64 holds
-
-
-@dataclass(frozen=True)
-class PACNetConfig:
-    """Settings of the network's parts.
-
-    Attributes:
-        attention: the growing map.
-        schemas: the motor schemas, one per node as in the paper or several that compete; their
-            cues are as long as the map's percepts.
-    """
-
-    attention: SOFMConfig
-    schemas: MotorSchemasConfig | CompetingSchemasConfig
-
-    def __post_init__(self) -> None:
-        """Refuses parts that do not fit one another."""
-        percept, cue = self.attention.dimensions, self.schemas.percept_dimensions
-        if percept != cue:
-            raise ValueError(
-                f"expected schemas.percept_dimensions = attention.dimensions = {percept}, got {cue}"
-            )
-
-    @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> PACNetConfig:
-        """Rebuilds what `dataclasses.asdict` gave, after JSON.
-
-        Raises:
-            ValueError: a field is missing, unknown or out of range.
-        """
-        try:
-            attention, schemas = fields["attention"], fields["schemas"]
-            several = "schemas_per_node" in schemas
-            kind = CompetingSchemasConfig if several else MotorSchemasConfig
-            return cls(SOFMConfig(**attention), kind(**schemas))
-        except (KeyError, TypeError) as error:
-            raise ValueError(
-                f"expected the fields of PACNetConfig, got {fields}: {error}"
-            ) from error
 
 
 class Recall(NamedTuple):

@@ -6,9 +6,17 @@ call that crude. Here a new sequence of targets must not be worse than the old o
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
+import torch
 from torch import Tensor
+
+if TYPE_CHECKING:
+    from pacnet.competing_schemas import CompetingSchemas
+
+OPEN = 0
+"""Support of a schema whose episode is not over."""
 
 _SMOOTHEST = 1e-6  # [units of a target] roughness below which smoother is not better
 
@@ -42,22 +50,87 @@ def roughness(targets: Tensor) -> float:
 def is_not_worse(new: Quality, old: Quality, typical_length: float, worse_by: float) -> bool:
     """Whether the new sequence may take the old one's place.
 
-    Three ratios are multiplied, each 1 where both are alike and above 1 where the new one is
-    better: of their fits; of their roughness, the old one's over the new one's; and of how near
-    their lengths are to the typical one, as shorter over longer. The product must be at least
-    1 − `worse_by`.
+    Three ratios are multiplied, each 1 where the new one is as good or better: of their fits; of
+    their roughness, the old one's over the new one's; and of how near their lengths are to the
+    typical one, as shorter over longer. So being better in one does not make up for being much
+    worse in another. The product must be at least 1 − `worse_by`.
 
     Args:
         new: of what the new episode shows.
         old: of what the node keeps.
-        typical_length: mean length of all sequences seen on this occasion, the new one's included.
+        typical_length: geometric mean length of all sequences seen on this occasion, the new one's
+            included.
         worse_by: how much worse is still not worse, in [0, 1).
     """
     smoothness = max(old.roughness, _SMOOTHEST) / max(new.roughness, _SMOOTHEST)
     if min(new.length, old.length) < 3:
         smoothness = 1.0  # there is nothing to compare
     completeness = _nearness(new.length, typical_length) / _nearness(old.length, typical_length)
-    return new.fit / old.fit * smoothness * completeness >= 1 - worse_by
+    ratios = (new.fit / max(old.fit, _SMOOTHEST), smoothness, completeness)
+    return math.prod(min(ratio, 1.0) for ratio in ratios) >= 1 - worse_by
+
+
+def settle(schemas: CompetingSchemas) -> None:
+    """Compares each schema of an episode that is over with those that its node keeps.
+
+    Args:
+        schemas: changed; those of the episode are the ones whose support is `OPEN`.
+    """
+    support, node = schemas.blocks.live("support"), schemas.blocks.live("node")
+    dropped: list[int] = []
+    for new in (support == OPEN).nonzero().flatten().tolist():
+        kept = [
+            old
+            for old in schemas.schemas_of(int(node[new])).tolist()
+            if old not in dropped and int(support[old]) != OPEN
+        ]
+        dropped += _settle_one(schemas, new, kept)
+    schemas.drop(torch.tensor(sorted(dropped), dtype=torch.int64, device=node.device))
+
+
+def _settle_one(schemas: CompetingSchemas, new: int, kept: list[int]) -> list[int]:
+    """Gives a schema its first support; returns the number of the one that goes, if any must."""
+    support, typical = schemas.blocks.live("support"), schemas.blocks.live("typical_length")
+    support[new], typical[new] = 1, float(schemas.lengths[new])
+    distances = {old: _distance(schemas, new, old) for old in kept}
+    twin = min(kept, key=lambda old: distances[old], default=None)
+    if twin is not None and math.exp(-distances[twin]) >= schemas.config.alike_above:
+        return [_merge(schemas, new, twin)]
+    if len(kept) < schemas.config.schemas_per_node:
+        return []
+    weakest = min(kept, key=lambda old: int(support[old]))
+    return [weakest if _not_worse(schemas, new, weakest, float(typical[weakest])) else new]
+
+
+def _merge(schemas: CompetingSchemas, new: int, twin: int) -> int:
+    """One schema, seen once more: the better sequence stays for both; returns the other."""
+    support, typical = schemas.blocks.live("support"), schemas.blocks.live("typical_length")
+    seen = int(support[twin]) + 1
+    length = float(typical[twin] * (typical[new] / typical[twin]) ** (1 / seen))
+    renewed = _not_worse(schemas, new, twin, length)
+    stays, goes = (new, twin) if renewed else (twin, new)
+    support[stays], typical[stays] = seen, length
+    through = schemas.passes.live("schema")
+    through[through == goes] = stays
+    return goes
+
+
+def _not_worse(schemas: CompetingSchemas, new: int, old: int, typical_length: float) -> bool:
+    worse_by = schemas.config.worse_by
+    return is_not_worse(_quality(schemas, new), _quality(schemas, old), typical_length, worse_by)
+
+
+def _quality(schemas: CompetingSchemas, schema: int) -> Quality:
+    fit, length = float(schemas.blocks.live("fit")[schema]), int(schemas.lengths[schema])
+    return Quality(fit, roughness(schemas.targets(schema)), length)
+
+
+def _distance(schemas: CompetingSchemas, one: int, other: int) -> float:
+    """How unlike two schemas are, in scaled units: their cues, or what came after them."""
+    shorter, longer = sorted((schemas.cues(one), schemas.cues(other)), key=len)
+    cues = torch.cdist(shorter, longer).amin(dim=1).mean()
+    after = schemas.blocks.live("continuation")
+    return float(torch.maximum(cues, torch.linalg.vector_norm(after[one] - after[other])))
 
 
 def _nearness(length: float, typical: float) -> float:

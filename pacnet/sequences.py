@@ -49,7 +49,7 @@ class Sequences(nn.Module):
         self.blocks = GrowableRows(
             {"start": NUMBER, "length": NUMBER, "room": NUMBER, **of_sequence}
         )
-        self.register_state_dict_pre_hook(_close_gaps)
+        self.register_state_dict_pre_hook(close_gaps)
 
     @property
     def lengths(self) -> Tensor:
@@ -79,7 +79,7 @@ class Sequences(nn.Module):
     def _make_room(self, sequence: int) -> None:
         """Moves a sequence to the pool's end, into a block of twice the room."""
         if len(self.pool) > 4 * max(8, int(self.blocks.live("room").sum())):
-            _close_gaps(self)
+            close_gaps(self)
         rows = {name: self._rows(name, sequence) for name in self.pool.columns}
         length = int(self.lengths[sequence])
         room = max(8, 2 * length)
@@ -90,8 +90,11 @@ class Sequences(nn.Module):
         self.blocks.live("room")[sequence] = room
 
 
-def _close_gaps(sequences: nn.Module, *_: object) -> None:
-    """Lays the sequences end to end in the order of their numbers; what they hold stays."""
+def close_gaps(sequences: nn.Module, *_: object) -> None:
+    """Lays the sequences end to end in the order of their numbers; what they hold stays.
+
+    Rows of the pool are numbered anew, and none is left that belongs to no sequence.
+    """
     assert isinstance(sequences, Sequences)
     blocks = sequences.blocks
     lengths = blocks.live("length")

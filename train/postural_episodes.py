@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,13 +12,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
-from tqdm import tqdm
 
 import envs  # noqa: F401  # registers the environment
 from envs.humanoid import JOINTS
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES, PosturalImitationEnv, percept
 from pacnet import NOBODY, PACNet
-from train.runs import usable_cores
+from train.pool import share_out
 
 TASK = "drink a glass of beer"
 PERCEPTS, TARGETS = len(STATE_NAMES) + len(GLASS_NAMES), len(JOINTS)  # dimensions of each
@@ -30,7 +26,6 @@ LEAD = 1  # [samples] a target lies ahead of its percept: what the imitator's jo
 SMOOTHING = 11  # [samples] of the quadratic smoother of perceived angles: noise becomes jerk
 
 _DEMONSTRATIONS, _RECALLS = 0, 1  # what seeds are drawn for
-_WORTH_A_POOL = 30  # episodes; fewer are over before the processes of a pool have started
 
 
 @dataclass(frozen=True)
@@ -165,28 +160,7 @@ def recall_episodes(
         condition: of all of them.
         label: of the progress bar.
     """
-    with tqdm(total=len(seeds), desc=label, unit="episode") as progress:
-        episodes = []
-        for episode in _run_all(checkpoint, seeds, condition):
-            episodes.append(episode)
-            progress.update()
-    return episodes
-
-
-def _run_all(
-    checkpoint: str | Path, seeds: Sequence[int], condition: Condition
-) -> Iterator[RecallEpisode]:
-    cores = usable_cores()
-    if cores == 1 or len(seeds) < _WORTH_A_POOL:
-        yield from map(_Worker(checkpoint, condition).run, seeds)
-        return
-    pool = ProcessPoolExecutor(
-        cores, multiprocessing.get_context("spawn"), _start_worker, (checkpoint, condition)
-    )
-    try:
-        yield from pool.map(_run_in_worker, seeds)
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    return share_out(_Worker, (checkpoint, condition), seeds, label)
 
 
 class _Worker:
@@ -198,21 +172,6 @@ class _Worker:
 
     def run(self, seed: int) -> RecallEpisode:
         return recall_episode(self.network, self.environment, seed)
-
-
-_worker: _Worker | None = None  # each process of the pool has its own
-
-
-def _start_worker(checkpoint: str | Path, condition: Condition) -> None:
-    global _worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    torch.set_num_threads(1)
-    _worker = _Worker(checkpoint, condition)
-
-
-def _run_in_worker(seed: int) -> RecallEpisode:
-    assert _worker is not None
-    return _worker.run(seed)
 
 
 def _seeds(seed: int, purpose: int, count: int) -> list[int]:

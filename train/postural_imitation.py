@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from envs.humanoid import JOINTS
@@ -82,21 +83,30 @@ def record(folder: Path, seed: int, count: int) -> None:
     with DemonstrationWriter(folder, FPS, FEATURES, "postural_imitation") as writer:
         for episode_seed in tqdm(demonstration_seeds(seed, count), "recording", unit="episode"):
             percepts = watch_demonstration(environment, episode_seed)
-            state, glass = np.split(percepts, [len(STATE_NAMES)], axis=1)
-            frames = {
-                "observation.state": state,
-                "observation.environment_state": glass,
-                "action": motor_targets(percepts),
-            }
-            writer.save_episode(TASK, frames)
+            writer.save_episode(TASK, frames_of(percepts))
+
+
+def frames_of(percepts: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
+    """The features of a watched demonstration `[T, 28]`, as they are recorded."""
+    state, glass = np.split(percepts, [len(STATE_NAMES)], axis=1)
+    return {
+        "observation.state": state,
+        "observation.environment_state": glass,
+        "action": motor_targets(percepts),
+    }
+
+
+def attention_config(novelty_threshold: float = NOVELTY_THRESHOLD) -> SOFMConfig:
+    """The map's settings for percepts of a demonstrator and its glass."""
+    return SOFMConfig.paper(
+        len(SCALE), scale=SCALE, novelty_threshold=novelty_threshold, winner_tau=WINNER_TAU
+    )
 
 
 def make_network(novelty_threshold: float, recall_by: Literal["cue", "order"] = "cue") -> PACNet:
-    """An untaught network for this experiment."""
-    attention = SOFMConfig.paper(
-        len(SCALE), scale=SCALE, novelty_threshold=novelty_threshold, winner_tau=WINNER_TAU
-    )
-    return PACNet(PACNetConfig(attention, MotorSchemasConfig(len(JOINTS), len(SCALE), recall_by)))
+    """An untaught network for this experiment: one schema per node, as in the paper."""
+    schemas = MotorSchemasConfig(len(JOINTS), len(SCALE), recall_by)
+    return PACNet(PACNetConfig(attention_config(novelty_threshold), schemas))
 
 
 def learn(network: PACNet, demonstrations: Demonstrations, log: LearningLog | None = None) -> None:

@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from pacnet import PACNet
 from pacnet.annotations import write_annotated
-from pacnet.competing_schemas import CompetingSchemasConfig
+from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.lerobot_files import read_info
 from pacnet.recognition import Recognition
