@@ -8,6 +8,7 @@ import pytest
 
 from pacnet.metrics import (
     area_between_curves,
+    area_under_roc,
     joint_rms,
     order_agreement,
     path_distances,
@@ -206,3 +207,21 @@ def test_bad_winners_are_refused(measure, winners):
 def test_a_run_has_at_least_one_sample():
     with pytest.raises(ValueError, match="min_run ≥ 1"):
         winner_order([A], min_run=0)
+
+
+def test_area_under_roc_equals_counting_all_pairs():
+    generator = np.random.default_rng(0)
+    known, new = generator.integers(0, 6, 40), generator.integers(2, 9, 30)
+    pairs = [1.0 if n > k else 0.5 if n == k else 0.0 for k in known for n in new]
+    assert area_under_roc(known, new) == pytest.approx(np.mean(pairs))
+    assert area_under_roc([0.0, 1.0], [2.0, 3.0]) == 1.0
+    assert area_under_roc([2.0, 3.0], [0.0, 1.0]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("known", "new", "name"),
+    [([], [1.0], "known"), ([1.0], [np.nan], "new"), ([[1.0]], [1.0], "known")],
+)
+def test_area_under_roc_of_no_scores_is_refused(known: list, new: list, name: str):
+    with pytest.raises(ValueError, match=f"expected {name} as one or more finite numbers"):
+        area_under_roc(known, new)

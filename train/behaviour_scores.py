@@ -47,7 +47,7 @@ def score_recognition(
     waits = [_until_right(r[e.parting :]) / len(r) for r, e in zip(rights, episodes, strict=True)]
     progress = np.concatenate([_progress_errors(e) for e in episodes])
     ends = _end_errors(episodes)
-    expected = [_next_errors(e) for e in episodes]
+    expected, unchanged = np.sqrt(np.mean([_next_errors(e) for e in episodes], axis=0))
     return {
         "episodes": len(episodes),
         "named_within_a_tenth_share": float(np.mean([right[0] for right in named])),
@@ -58,8 +58,7 @@ def score_recognition(
         "progress_error_max": float(progress.max()),
         "end_wrist_error_mean_m": float(ends.mean()),
         "end_wrist_error_max_m": float(ends.max()),
-        "next_percept_error_to_persistence": float(np.sqrt(np.mean(expected, axis=0) @ (1, 0)))
-        / float(np.sqrt(np.mean(expected, axis=0) @ (0, 1))),
+        "next_percept_error_to_persistence": float(expected / unchanged),
     }
 
 
