@@ -50,10 +50,10 @@ def roughness(targets: Tensor) -> float:
 def is_not_worse(new: Quality, old: Quality, typical_length: float, worse_by: float) -> bool:
     """Whether the new sequence may take the old one's place.
 
-    Three ratios are multiplied, each 1 where the new one is as good or better: of their fits; of
-    their roughness, the old one's over the new one's; and of how near their lengths are to the
-    typical one, as shorter over longer. So being better in one does not make up for being much
-    worse in another. The product must be at least 1 − `worse_by`.
+    Three ratios are multiplied, each 1 where both are alike: of their fits; of their roughness, the
+    old one's over the new one's, at most 1, for a target that stands still is smooth and nothing
+    more; and of how near their lengths are to the typical one, as shorter over longer. The product
+    must be at least 1 − `worse_by`.
 
     Args:
         new: of what the new episode shows.
@@ -66,8 +66,8 @@ def is_not_worse(new: Quality, old: Quality, typical_length: float, worse_by: fl
     if min(new.length, old.length) < 3:
         smoothness = 1.0  # there is nothing to compare
     completeness = _nearness(new.length, typical_length) / _nearness(old.length, typical_length)
-    ratios = (new.fit / max(old.fit, _SMOOTHEST), smoothness, completeness)
-    return math.prod(min(ratio, 1.0) for ratio in ratios) >= 1 - worse_by
+    fit = new.fit / max(old.fit, _SMOOTHEST)
+    return fit * min(smoothness, 1.0) * completeness >= 1 - worse_by
 
 
 def settle(schemas: CompetingSchemas) -> None:

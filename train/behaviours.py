@@ -69,7 +69,7 @@ TASKS = {
     "move": "move a glass over the table",
 }
 TAUGHT, NEW = ("drink", "toast"), "move"
-NOVEL_ABOVE = 0.18  # chosen on seeds 1000 to 1239
+NOVEL_ABOVE = 0.19  # chosen on seeds 1000 to 1239
 
 
 def parse_arguments() -> argparse.Namespace:
