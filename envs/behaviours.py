@@ -1,8 +1,8 @@
 """What the demonstrator can show: drink, toast and move, each as postures and a schedule.
 
-A toast is a drink before which the glass is raised in greeting, and after which the hand stays on
-the table: up to the grasp nothing tells the two apart. A move carries the glass over the table, the
-head turned to where it goes and the left hand off the table.
+A toast is a drink before which the glass is raised in greeting, the other hand with it, and after
+which the hand stays on the table: up to the grasp nothing tells the two apart. A move carries the
+glass over the table, the head turned to where it goes and the left hand off the table.
 """
 
 from collections.abc import Callable
@@ -70,10 +70,11 @@ def _at_mouth(tilt: float) -> GlassError:
 
 
 LEFT_ARM, LEFT_ARM_AWAY = (58.0, -46.0, -11.0, 78.0), (43.0, -59.0, -40.0, 116.0)
+LEFT_ARM_RAISED = (40.0, -20.0, -30.0, 130.0)
 REST = (0.0, 0.0, 0.0, -43.0, 59.0, -40.0, 116.0, *LEFT_ARM)
 REST_POSTURE = np.deg2rad(REST)
 
-_PUT = ("grasp", _upright_by(-PRESS * UP))
+_DOWN = _upright_by(-PRESS * UP)
 _MOVED = np.array((*MOVE, 0.0))
 
 _BEGINNING = (
@@ -100,7 +101,7 @@ DRINK = Behaviour(
         "above": ("lift", _upright_by(CLEARANCE * UP)),
         "mouth": ("mouth", _at_mouth(MOUTH_TILT)),
         "drink": ("drink", _at_mouth(DRINK_TILT)),
-        "put": _PUT,
+        "put": ("grasp", _DOWN),
     },
     schedule=(
         *_BEGINNING,
@@ -113,10 +114,19 @@ DRINK = Behaviour(
 TOAST = Behaviour(
     postures={
         **DRINK.postures,
-        "toast": (0.0, 0.0, 0.0, -16.0, 39.0, 34.0, 92.0, *LEFT_ARM),
+        **{
+            name: (*DRINK.postures[name][:-4], *LEFT_ARM_RAISED)
+            for name in ("lift", "mouth", "drink")
+        },
+        "toast": (0.0, 0.0, 0.0, -16.0, 39.0, 34.0, 92.0, *LEFT_ARM_RAISED),
+        "down": (*DRINK.postures["grasp"][:-4], *LEFT_ARM_RAISED),
         "beside": (0.0, 0.0, 6.0, -12.0, 66.0, 28.0, 82.0, *LEFT_ARM),
     },
-    carried={**DRINK.carried, "toast": ("toast", _upright_at(np.array(TOAST_POINT)))},
+    carried={
+        **DRINK.carried,
+        "toast": ("toast", _upright_at(np.array(TOAST_POINT))),
+        "put": ("down", _DOWN),
+    },
     schedule=(
         *_BEGINNING,
         Movement("toast", ("grasp", "above", "toast"), 1.7),
@@ -139,7 +149,7 @@ MOVE_OVER = Behaviour(
         "above": ("lift", _upright_by(MOVE_CLEARANCE * UP)),
         "over": ("there", _upright_by(_MOVED + MOVE_CLEARANCE * UP)),
         "there": ("there", _upright_by(_MOVED - PRESS * UP)),
-        "put": _PUT,
+        "put": ("grasp", _DOWN),
     },
     schedule=(
         *_BEGINNING,

@@ -32,7 +32,7 @@ class CompetingSchemasConfig:
     target_dimensions: int
     percept_dimensions: int
     schemas_per_node: int = 8
-    alike_above: float = 0.75
+    alike_above: float = 0.82
     continuation: int = 25
     worse_by: float = 0.2
     nearest_cues: int = 1

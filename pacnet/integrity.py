@@ -76,7 +76,7 @@ def _episodes_hold(schemas: CompetingSchemas) -> dict[str, Tensor | bool]:
         "schemas of at least one target": (schemas.lengths > 0).all(),
         "finite typical lengths, fits and continuations": all(t.isfinite().all() for t in finite),
         "a pass for each support of a schema": torch.equal(
-            torch.bincount(schema.clamp(min=0), minlength=len(blocks)),
+            torch.bincount(schema.clamp(0, len(blocks)), minlength=len(blocks))[: len(blocks)],
             blocks.live("support").clamp(min=1),
         ),
         "positive lengths of what is supported": (

@@ -87,7 +87,8 @@ class Watcher:
         middle = (torch.arange(now.shape[1], device=now.device) + 0.5) / now.shape[1]
         last = self._schemas.episodes.live("last_cue")[self._timeline.episode]
         # What sets this episode apart from the known ones lasts for more than a sample.
-        self._bias += _BIAS_RATE * (percept - self._expected(now) - self._bias)
+        apart = percept - self._expected(now) - self._bias
+        self._bias = self._bias + _BIAS_RATE * apart  # not in place: see `torch.inference_mode`
         return Understanding(
             probability.to(percept.dtype),
             behaviour,

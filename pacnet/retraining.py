@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 OPEN = 0
 """Support of a schema whose episode is not over."""
 
-_SMOOTHEST = 1e-6  # [units of a target] roughness below which smoother is not better
+_SMOOTHEST = 1e-4  # [units of a target] roughness below which smoother is not better
 
 
 class Quality(NamedTuple):

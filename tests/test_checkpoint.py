@@ -14,7 +14,7 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
+from pacnet import CompetingSchemasConfig, MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from pacnet import checkpoint as module
 from pacnet.checkpoint import read_checkpoint, write_checkpoint
 
@@ -348,3 +348,142 @@ def test_a_contradictory_network_never_replaces_a_good_checkpoint(checkpoint):
     with pytest.raises(ValueError, match="got 2 for 1 nodes"):
         broken.save_pretrained(checkpoint)
     assert PACNet.from_pretrained(checkpoint).sofm.prototypes[0, 0].item() == 1.0
+
+
+# Several schemas per node
+
+
+def make_competing() -> PACNet:
+    """Two nodes; two episodes that pass both, a third in progress: four schemas, six passes."""
+    network = PACNet(PACNetConfig(SOFMConfig.paper(2), CompetingSchemasConfig(1, 2)))
+    for node in (0.0, 9.0):  # they habituate
+        network.observe(torch.full((11, 2), node), torch.zeros(11, 1), episode=0, behaviour="tea")
+    for episode, behaviour in ((1, "tea"), (2, "crème"), (3, "tea")):
+        for node in (0.0, 9.0):
+            percepts = torch.full((4, 2), node)
+            network.observe(percepts, percepts[:, :1], episode, behaviour)
+    return network
+
+
+def rewrite_one(folder, name: str, place: int, value: float) -> None:
+    rewrite_tensors(folder, lambda tensors: tensors[name].view(-1).__setitem__(place, value))
+
+
+def test_competing_schemas_come_back_with_the_behaviours_names(tmp_path):
+    network = make_competing()
+    network.save_pretrained(tmp_path)
+    loaded = PACNet.from_pretrained(tmp_path)
+    assert loaded.config == network.config
+    assert loaded.behaviours == ("tea", "crème")
+    assert len(loaded.schemas) == 2
+    assert loaded.schemas.blocks.live("support").tolist() == [2, 2, 0, 0]
+    for name, tensor in network.state_dict().items():
+        assert torch.equal(tensor, loaded.state_dict()[name]), name
+    percepts = torch.full((5, 2), 9.0)
+    for one, other in zip(network.recognise(percepts), loaded.recognise(percepts), strict=True):
+        assert torch.equal(one, other)
+    for one in (network, loaded):
+        one.observe(percepts, percepts[:, :1], episode=4, behaviour="third")
+    for name, tensor in network.state_dict().items():
+        assert torch.equal(tensor, loaded.state_dict()[name]), name
+
+
+def test_competing_schemas_in_double_precision_come_back_as_such(tmp_path):
+    make_competing().double().save_pretrained(tmp_path)
+    loaded = PACNet.from_pretrained(tmp_path)
+    assert loaded.schemas.pool.live("cue").dtype == torch.float64
+    assert loaded.behaviours == ("tea", "crème")
+
+
+DAMAGES = [
+    ("schemas.blocks.node", 0, -1, "schemas of nodes that exist"),
+    ("schemas.blocks.node", -1, 2, "schemas of nodes that exist"),
+    ("schemas.nodes", 0, 3, "motor schemas for each node, got 3 for 2 nodes"),
+    ("schemas.blocks.typical_length", 0, math.nan, "finite typical lengths"),
+    ("schemas.blocks.typical_length", 0, 0, "positive lengths of what is supported"),
+    ("schemas.blocks.fit", -1, math.inf, "finite typical lengths, fits"),
+    ("schemas.blocks.continuation", -1, math.nan, "finite typical lengths, fits and continuations"),
+    ("schemas.blocks.support", 0, 3, "a pass for each support"),
+    ("schemas.blocks.support", 0, -1, "a pass for each support"),
+    ("schemas.episodes.last_cue", 0, math.nan, "finite last cues"),
+    ("schemas.episodes.behaviour", 0, -1, "behaviours that have a name"),
+    ("schemas.episodes.behaviour", -1, 2, "behaviours that have a name"),
+    ("schemas.episodes.number", 0, 1, "ascending numbers of episodes"),
+    ("schemas.passes.episode", 0, -1, "passes of episodes that exist"),
+    ("schemas.passes.episode", -1, 4, "passes of episodes that exist"),
+    ("schemas.passes.schema", 0, -1, "(passes through schemas that exist|a pass for each)"),
+    ("schemas.passes.schema", -1, 4, "(passes through schemas that exist|a pass for each)"),
+    ("schemas.passes.first", 0, -1, "passes within their episodes"),
+    ("schemas.passes.first", 0, 4, "passes within their episodes"),
+    ("schemas.passes.last", -1, 8, "passes within their episodes"),
+    ("schemas.episodes.samples", -1, 7, "passes within their episodes"),
+    ("schemas.pool.cue", 0, math.nan, "finite cues"),
+]
+
+
+@pytest.mark.parametrize(("name", "place", "value", "message"), DAMAGES)
+def test_competing_schemas_that_contradict_one_another_are_refused(
+    tmp_path, name: str, place: int, value: float, message: str
+):
+    make_competing().save_pretrained(tmp_path)
+    assert len(PACNet.from_pretrained(tmp_path).schemas.passes) == 6
+    rewrite_one(tmp_path, name, place, value)
+    with pytest.raises(ValueError, match=message):
+        PACNet.from_pretrained(tmp_path)
+
+
+def test_a_schema_without_a_target_is_refused(tmp_path):
+    make_competing().save_pretrained(tmp_path)
+
+    def empty(tensors):
+        for column in ("length", "room"):
+            tensors[f"schemas.blocks.{column}"][-1] = 0
+        for column in ("target", "cue", "frame"):
+            tensors[f"schemas.pool.{column}"] = tensors[f"schemas.pool.{column}"][:-4].clone()
+
+    rewrite_tensors(tmp_path, empty)
+    with pytest.raises(ValueError, match="schemas of at least one target"):
+        PACNet.from_pretrained(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["", "5", '{"tea": 1, "milk": 2}', "[1, 2]", '["a", "a"]', '"ab"'])
+def test_names_that_are_no_list_of_different_names_are_refused(tmp_path, text: str):
+    make_competing().save_pretrained(tmp_path)
+    name = "schemas._extra_state"
+    text_bytes = torch.tensor(list(text.encode()), dtype=torch.uint8)
+    rewrite_tensors(tmp_path, lambda tensors: tensors.update({name: text_bytes}))
+    with pytest.raises(ValueError, match="expected the tensors of a PACNet"):
+        PACNet.from_pretrained(tmp_path)
+
+
+def test_the_names_may_not_be_missing(tmp_path):
+    make_competing().save_pretrained(tmp_path)
+    rewrite_tensors(tmp_path, lambda tensors: tensors.pop("schemas._extra_state"))
+    with pytest.raises(ValueError, match=r"schemas\._extra_state'\] missing"):
+        PACNet.from_pretrained(tmp_path)
+
+
+def test_a_contradiction_between_competing_schemas_is_not_saved(tmp_path):
+    network = make_competing()
+    network.schemas.passes.live("last")[0] = 99
+    with pytest.raises(ValueError, match="passes within their episodes"):
+        network.save_pretrained(tmp_path / "net")
+    assert not (tmp_path / "net").exists()
+
+
+def test_the_config_of_one_kind_does_not_read_the_tensors_of_the_other(tmp_path, checkpoint):
+    make_competing().save_pretrained(tmp_path / "competing")
+    config = json.loads((checkpoint / "config.json").read_text())["config"]
+    rewrite_config(tmp_path / "competing", config=config)
+    with pytest.raises(ValueError, match=r"schemas\.blocks\.episode'\] missing.*passes"):
+        PACNet.from_pretrained(tmp_path / "competing")
+
+
+def test_the_checkpoint_that_ships_with_one_schema_a_node_still_loads():
+    folder = Path(__file__).parent.parent / "checkpoints" / "postural_imitation"
+    network = PACNet.from_pretrained(folder)
+    assert isinstance(network.config.schemas, MotorSchemasConfig)
+    percepts = network.sofm.prototypes
+    recall = network.recall(percepts)
+    assert recall.commanded.any()
+    assert torch.equal(recall.schema, recall.winner.where(recall.commanded, torch.tensor(-1)))

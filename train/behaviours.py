@@ -52,7 +52,7 @@ from train.postural_imitation import (
     learn,
     make_network,
 )
-from train.postural_report import FPS
+from train.postural_report import FPS, film
 from train.recognition_figures import recognition_over_time
 from train.runs import (
     command_line,
@@ -69,6 +69,7 @@ TASKS = {
     "move": "move a glass over the table",
 }
 TAUGHT, NEW = ("drink", "toast"), "move"
+FILMED = list(TASKS).index("toast")  # the first episode of it
 NOVEL_ABOVE = 0.19  # chosen on seeds 1000 to 1239
 
 
@@ -108,14 +109,16 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
         command = command_line("train.behaviours", arguments)
         write_metrics(folder / "metrics.json", command, arguments.seed, scores)
         save_figures(folder / "figures", draw(episodes))
+        film(folder / CHECKPOINTS[SEVERAL], seeds[FILMED], Condition(behaviour="toast"), folder)
 
         log.scores(scores["recognition"], "recognition")
         log.scores(scores["novelty"], "novelty")
         log.projector(networks[SEVERAL].sofm, (*STATE_NAMES, *GLASS_NAMES))
-        for picture in sorted((folder / "figures").iterdir()):
+        for picture in (*sorted((folder / "figures").iterdir()), folder / "recall.gif"):
             log.picture(picture.stem, picture)
     print_table(scores)
     print(f"\nscores    {folder / 'metrics.json'}\nfigures   {folder / 'figures'}")
+    print(f"video     {folder / 'recall.mp4'}")
     print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")
     print(f"to watch  python -m train.recognise {folder / 'checkpoint'} {folder / 'dataset'}")
 

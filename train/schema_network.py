@@ -1,0 +1,216 @@
+"""The paper's Figure 2: 13 hand-given schemas that compete, and PACNet taught by the same examples.
+
+Three behaviours are cut by hand into perceptual-motor pairs: drink 1-2-3-4-5, toast 1-6-7-8-9, move
+10-11-12-13. The same demonstrations, one of each behaviour, are watched by PACNet, which cuts them
+itself. New noisy episodes are shown to both, and both imitate. Writes the demonstrations as a
+LeRobot dataset, both checkpoints, scores, figures and a tensorboard log into
+`runs/schema_network/<time>-seed<N>/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+from envs.physics import CONTROL_TIMESTEP
+from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
+from pacnet import PACNet
+from pacnet.demonstration_writer import DemonstrationWriter
+from pacnet.demonstrations import Demonstrations, load_demonstrations
+from pacnet.schema_network import SchemaNetwork
+from train.learning_log import LearningLog
+from train.postural_episodes import demonstration_seeds, recall_seeds
+from train.postural_imitation import (
+    FEATURES,
+    NOVELTY_THRESHOLD,
+    frames_of,
+    learn,
+    make_network,
+)
+from train.postural_report import FPS
+from train.runs import command_line, make_parser, run_folder, save_figures, write_metrics
+from train.schema_network_episodes import (
+    PACNET,
+    SCHEMA_NETWORK,
+    SCHEMA_NETWORK_HELD,
+    SCHEMAS,
+    SYSTEMS,
+    Episode,
+    Shown,
+    held_out_episodes,
+    make_environment,
+    make_schema_network,
+    watch,
+)
+from train.schema_network_figures import (
+    Behaviour,
+    side_by_side,
+    switches_per_episode,
+    winners_and_confidences,
+)
+from train.schema_network_scores import (
+    GRASPING,
+    score_duplicates,
+    score_schemas,
+    score_system,
+)
+
+LESSONS = 3  # times that PACNet watches each demonstration: nodes that win rarely settle late
+
+
+def parse_arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = make_parser("train.schema_network", __doc__, episodes=100)
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Demonstrate, cut by hand, learn, imitate, show."""
+    arguments = parse_arguments()
+    with run_folder("schema_network", arguments.seed, arguments.runs) as folder:
+        run(arguments, folder)
+
+
+def run(arguments: argparse.Namespace, folder: Path) -> None:
+    """One run, from demonstrations to scores."""
+    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    shown = demonstrate(arguments.seed, folder / "dataset")
+    schemas = make_schema_network(shown)
+    schemas.save_pretrained(folder / "checkpoint" / "schema_network")
+    with LearningLog(folder / "tensorboard") as log:
+        pacnet = teach(load_demonstrations(folder / "dataset"), log)
+        pacnet.save_pretrained(folder / "checkpoint" / "pacnet")
+
+        seeds = deal(recall_seeds(arguments.seed, len(SCHEMAS) * arguments.episodes))
+        episodes = held_out_episodes(folder / "checkpoint", seeds)
+        scores = score(episodes, schemas, pacnet)
+        command = command_line("train.schema_network", arguments)
+        write_metrics(folder / "metrics.json", command, arguments.seed, scores)
+        save_figures(folder / "figures", draw(episodes, schemas, scores))
+
+        for system, by_behaviour in scores["systems"].items():
+            for behaviour, values in by_behaviour.items():
+                numbers = {name: v for name, v in values.items() if isinstance(v, float)}
+                log.scores(numbers, f"{system}/{behaviour}")
+        log.projector(pacnet.sofm, (*STATE_NAMES, *GLASS_NAMES))
+        for picture in sorted((folder / "figures").iterdir()):
+            log.picture(picture.stem, picture)
+    print_table(scores)
+    print(f"\nscores    {folder / 'metrics.json'}\nfigures   {folder / 'figures'}")
+    print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")
+
+
+def deal(seeds: Sequence[int]) -> dict[str, Sequence[int]]:
+    """Seeds dealt out to the behaviours in turn."""
+    return {name: seeds[place :: len(SCHEMAS)] for place, name in enumerate(SCHEMAS)}
+
+
+def demonstrate(seed: int, dataset: Path) -> dict[str, Shown]:
+    """One demonstration of each behaviour, watched by a resting imitator; also as a dataset."""
+    seeds = deal(demonstration_seeds(seed, len(SCHEMAS)))
+    shown = {}
+    with DemonstrationWriter(dataset, FPS, FEATURES, "schema_network") as writer:
+        for behaviour in tqdm(SCHEMAS, "recording", unit="episode"):
+            shown[behaviour] = watch(make_environment(behaviour), seeds[behaviour][0])
+            writer.save_episode(behaviour, frames_of(shown[behaviour].percepts))
+    return shown
+
+
+def teach(demonstrations: Demonstrations, log: LearningLog) -> PACNet:
+    """PACNet, having watched all demonstrations in turn, `LESSONS` times."""
+    network = make_network(NOVELTY_THRESHOLD)
+    for lesson in range(LESSONS):
+        again = [
+            replace(demonstration, episode=lesson * len(demonstrations) + number)
+            for number, demonstration in enumerate(demonstrations)
+        ]
+        learn(network, replace(demonstrations, episodes=tuple(again)), log)
+    return network.eval()
+
+
+def score(episodes: Sequence[Episode], schemas: SchemaNetwork, pacnet: PACNet) -> dict[str, Any]:
+    """All that goes into `metrics.json`."""
+    systems: dict[str, dict[str, dict[str, Any]]] = {}
+    for system in SYSTEMS:
+        systems[system] = {"all": score_system(episodes, system)}
+        for behaviour in SCHEMAS:
+            some = [episode for episode in episodes if episode.behaviour == behaviour]
+            values = score_system(some, system)
+            if system in (SCHEMA_NETWORK, SCHEMA_NETWORK_HELD):
+                values |= score_schemas(some, system)
+            systems[system][behaviour] = values
+    nodes = [pacnet.schemas.targets(node) for node in range(len(pacnet.sofm))]
+    pairs = [schemas.targets(schema) for schema in range(len(schemas))]
+    return {
+        "demonstrations_per_behaviour": 1,
+        "lessons_of_pacnet": LESSONS,
+        "episodes_per_behaviour": len(episodes) // len(SCHEMAS),
+        "duplicates": {
+            SCHEMA_NETWORK: score_duplicates(pairs),
+            PACNET: score_duplicates([targets for targets in nodes if len(targets)]),
+        },
+        "switches_pacnet_to_schema_network": {
+            name: systems[PACNET][name]["switches"] / systems[SCHEMA_NETWORK][name]["switches"]
+            for name in (*SCHEMAS, "all")
+        },
+        "systems": systems,
+    }
+
+
+def draw(
+    episodes: Sequence[Episode], schemas: SchemaNetwork, scores: Mapping[str, Any]
+) -> dict[str, Figure]:
+    """The paper's Figure 2, both systems side by side, and the switches."""
+    first = {
+        name: next(episode for episode in episodes if episode.behaviour == name) for name in SCHEMAS
+    }
+    shown = {
+        name: Behaviour(name, episode.shown.phases, SCHEMAS[name])
+        for name, episode in first.items()
+    }
+    panels = [
+        (shown[name], {system: episode.winners[system] for system in (SCHEMA_NETWORK, PACNET)})
+        for name, episode in first.items()
+    ]
+    toast = first["toast"]
+    confidences = schemas(torch.from_numpy(toast.shown.percepts)).confidence.numpy()
+    switches = {
+        system: {name: values["switches"] for name, values in by_behaviour.items() if name != "all"}
+        for system, by_behaviour in scores["systems"].items()
+    }
+    return {
+        "figure2": winners_and_confidences(
+            shown["toast"], toast.winners[SCHEMA_NETWORK], confidences, CONTROL_TIMESTEP, GRASPING
+        ),
+        "side_by_side": side_by_side(panels, CONTROL_TIMESTEP, len(schemas)),
+        "switches": switches_per_episode(switches),
+    }
+
+
+def print_table(scores: Mapping[str, Any]) -> None:
+    """Both systems side by side."""
+    print("\n" + " " * 34 + "".join(f"{system:>28}" for system in SYSTEMS))
+    for row in ("switches", "task_success_rate", "in_order_rate", "strictly_in_order_rate",
+                "own_share", "alternations_2_6"):  # fmt: skip
+        for behaviour in (*SCHEMAS, "all"):
+            values = [scores["systems"][system][behaviour].get(row) for system in SYSTEMS]
+            if any(value is not None for value in values):
+                _print_row(f"{row}, {behaviour}", values)
+    for row in scores["duplicates"][PACNET]:
+        _print_row(row, [scores["duplicates"].get(system, {}).get(row) for system in SYSTEMS])
+
+
+def _print_row(name: str, values: Sequence[float | int | None]) -> None:
+    shown = ["-" if value is None else f"{value:.4g}" for value in values]
+    print(f"{name:34}" + "".join(f"{value:>28}" for value in shown))
+
+
+if __name__ == "__main__":
+    main()
