@@ -47,13 +47,21 @@ def roughness(targets: Tensor) -> float:
     return float((targets[1:-1] - middle).square().sum(dim=1).mean().sqrt())
 
 
-def is_not_worse(new: Quality, old: Quality, typical_length: float, worse_by: float) -> bool:
+def is_not_worse(
+    new: Quality,
+    old: Quality,
+    typical_length: float,
+    worse_by: float,
+    familiarity: float = 1.0,
+) -> bool:
     """Whether the new sequence may take the old one's place.
 
     Three ratios are multiplied, each 1 where both are alike: of their fits; of their roughness, the
     old one's over the new one's, at most 1, for a target that stands still is smooth and nothing
-    more; and of how near their lengths are to the typical one, as shorter over longer. The product
-    must be at least 1 − `worse_by`.
+    more; and of how near their lengths are to the typical one, as shorter over longer. Their
+    product, times the familiarity of the new episode, must be at least 1 − `worse_by`. A hand that
+    misses the glass moves as smoothly as one that does not: that something went wrong is seen in
+    the rest of the episode alone.
 
     Args:
         new: of what the new episode shows.
@@ -61,13 +69,14 @@ def is_not_worse(new: Quality, old: Quality, typical_length: float, worse_by: fl
         typical_length: geometric mean length of all sequences seen on this occasion, the new one's
             included.
         worse_by: how much worse is still not worse, in [0, 1).
+        familiarity: share of the new episode's targets in sequences that are like kept ones.
     """
     smoothness = max(old.roughness, _SMOOTHEST) / max(new.roughness, _SMOOTHEST)
     if min(new.length, old.length) < 3:
         smoothness = 1.0  # there is nothing to compare
     completeness = _nearness(new.length, typical_length) / _nearness(old.length, typical_length)
     fit = new.fit / max(old.fit, _SMOOTHEST)
-    return fit * min(smoothness, 1.0) * completeness >= 1 - worse_by
+    return fit * min(smoothness, 1.0) * completeness * familiarity >= 1 - worse_by
 
 
 def settle(schemas: CompetingSchemas) -> None:
@@ -76,38 +85,43 @@ def settle(schemas: CompetingSchemas) -> None:
     Args:
         schemas: changed; those of the episode are the ones whose support is `OPEN`.
     """
-    support, node = schemas.blocks.live("support"), schemas.blocks.live("node")
+    support, lengths = schemas.blocks.live("support"), schemas.lengths
+    fresh = (support == OPEN).nonzero().flatten().tolist()
+    known = sum(int(lengths[new]) for new in fresh if _twin(schemas, new, []) is not None)
+    familiarity = known / max(1, sum(int(lengths[new]) for new in fresh))
     dropped: list[int] = []
-    for new in (support == OPEN).nonzero().flatten().tolist():
-        kept = [
-            old
-            for old in schemas.schemas_of(int(node[new])).tolist()
-            if old not in dropped and int(support[old]) != OPEN
-        ]
-        dropped += _settle_one(schemas, new, kept)
-    schemas.drop(torch.tensor(sorted(dropped), dtype=torch.int64, device=node.device))
+    for new in fresh:
+        twin = _twin(schemas, new, dropped)
+        support[new], schemas.blocks.live("typical_length")[new] = 1, float(lengths[new])
+        if twin is None:
+            dropped += _make_room(schemas, new, dropped)
+        else:
+            dropped.append(_merge(schemas, new, twin, familiarity))
+    schemas.drop(torch.tensor(sorted(dropped), dtype=torch.int64, device=support.device))
 
 
-def _settle_one(schemas: CompetingSchemas, new: int, kept: list[int]) -> list[int]:
-    """Gives a schema its first support; returns the number of the one that goes, if any must."""
-    support, typical = schemas.blocks.live("support"), schemas.blocks.live("typical_length")
-    support[new], typical[new] = 1, float(schemas.lengths[new])
-    distances = {old: _distance(schemas, new, old) for old in kept}
-    twin = min(kept, key=lambda old: distances[old], default=None)
-    if twin is not None and math.exp(-distances[twin]) >= schemas.config.alike_above:
-        return [_merge(schemas, new, twin)]
-    if len(kept) < schemas.config.schemas_per_node:
-        return []
-    weakest = min(kept, key=lambda old: int(support[old]))
-    return [weakest if _not_worse(schemas, new, weakest, float(typical[weakest])) else new]
+def _kept(schemas: CompetingSchemas, new: int, dropped: list[int]) -> list[int]:
+    """The other schemas that the node of this one keeps so far."""
+    support, node = schemas.blocks.live("support"), int(schemas.blocks.live("node")[new])
+    others = [old for old in schemas.schemas_of(node).tolist() if old not in (new, *dropped)]
+    return [old for old in others if int(support[old]) != OPEN]
 
 
-def _merge(schemas: CompetingSchemas, new: int, twin: int) -> int:
+def _twin(schemas: CompetingSchemas, new: int, dropped: list[int]) -> int | None:
+    """The kept schema of the same node that is most like this one, if it is like it at all."""
+    distances = {old: _distance(schemas, new, old) for old in _kept(schemas, new, dropped)}
+    twin = min(distances, key=lambda old: distances[old], default=None)
+    if twin is None or math.exp(-distances[twin]) < schemas.config.alike_above:
+        return None
+    return twin
+
+
+def _merge(schemas: CompetingSchemas, new: int, twin: int, familiarity: float) -> int:
     """One schema, seen once more: the better sequence stays for both; returns the other."""
     support, typical = schemas.blocks.live("support"), schemas.blocks.live("typical_length")
     seen = int(support[twin]) + 1
     length = float(typical[twin] * (typical[new] / typical[twin]) ** (1 / seen))
-    renewed = _not_worse(schemas, new, twin, length)
+    renewed = _not_worse(schemas, new, twin, length, familiarity)
     stays, goes = (new, twin) if renewed else (twin, new)
     support[stays], typical[stays] = seen, length
     through = schemas.passes.live("schema")
@@ -115,9 +129,21 @@ def _merge(schemas: CompetingSchemas, new: int, twin: int) -> int:
     return goes
 
 
-def _not_worse(schemas: CompetingSchemas, new: int, old: int, typical_length: float) -> bool:
-    worse_by = schemas.config.worse_by
-    return is_not_worse(_quality(schemas, new), _quality(schemas, old), typical_length, worse_by)
+def _make_room(schemas: CompetingSchemas, new: int, dropped: list[int]) -> list[int]:
+    """The schema that goes, if any must, for its node to keep one of another kind."""
+    kept = _kept(schemas, new, dropped)
+    if len(kept) < schemas.config.schemas_per_node:
+        return []
+    weakest = min(kept, key=lambda old: int(schemas.blocks.live("support")[old]))
+    length = float(schemas.blocks.live("typical_length")[weakest])
+    return [weakest if _not_worse(schemas, new, weakest, length) else new]
+
+
+def _not_worse(
+    schemas: CompetingSchemas, new: int, old: int, typical_length: float, familiarity: float = 1.0
+) -> bool:
+    qualities = _quality(schemas, new), _quality(schemas, old)
+    return is_not_worse(*qualities, typical_length, schemas.config.worse_by, familiarity)
 
 
 def _quality(schemas: CompetingSchemas, schema: int) -> Quality:
