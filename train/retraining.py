@@ -1,0 +1,86 @@
+"""Learns from demonstrations of which some are spoiled: what does a spoiled one destroy?
+
+The paper overwrites a motor schema by each new episode; here it is beside several schemas per node
+that compete, and give way only to what is not worse. Each replicate has its own
+demonstrations of one drink, in some of which the hand trembles, is interrupted or misses the glass.
+They are shown in the order in which they were drawn, in which a later good one may mend what a
+spoiled one destroyed, and with the spoiled ones last, where nothing does.
+Writes datasets, checkpoints, scores, a figure and a tensorboard log into
+`runs/retraining/<time>-seed<N>/`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
+from pacnet import PACNet
+from train.learning_log import LearningLog
+from train.retraining_replicates import draw_replicates, run_replicates
+from train.retraining_report import Outcome, draw, print_tables, summary
+from train.runs import (
+    command_line,
+    make_parser,
+    positive,
+    run_folder,
+    save_figures,
+    threshold,
+    write_metrics,
+)
+
+
+def parse_arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = make_parser("train.retraining", __doc__, episodes=10)
+    parser.add_argument(
+        "--replicates", type=positive, default=10, help="each with its own demonstrations"
+    )
+    parser.add_argument(
+        "--demonstrations", type=positive, default=10, help="of a replicate, two or more"
+    )
+    parser.add_argument(
+        "--spoiled",
+        type=threshold,
+        default=0.2,
+        help="share of the demonstrations that have a mishap; at least one has, and not all",
+    )
+    arguments = parser.parse_args()
+    if arguments.demonstrations < 2:
+        parser.error("argument --demonstrations: expected an integer ≥ 2, got '1'")
+    return arguments
+
+
+def main() -> None:
+    """Record, learn in several ways, recall, compare."""
+    arguments = parse_arguments()
+    with run_folder("retraining", arguments.seed, arguments.runs) as folder:
+        run(arguments, folder)
+
+
+def run(arguments: argparse.Namespace, folder: Path) -> None:
+    """Every replicate, and their means."""
+    replicates = draw_replicates(
+        arguments.seed, arguments.replicates, arguments.demonstrations, arguments.spoiled
+    )
+    command = command_line("train.retraining", arguments)
+    outcomes: list[Outcome] = []
+    scores = {}
+    for by_policy in run_replicates(replicates, folder, arguments.episodes):
+        outcomes.append(Outcome(replicates[len(outcomes)], by_policy))
+        scores = summary(outcomes)  # after each replicate: none is lost
+        write_metrics(folder / "metrics.json", command, arguments.seed, scores)
+    save_figures(folder / "figures", {"retraining": draw(outcomes)})
+    network = PACNet.from_pretrained(folder / "checkpoint" / "replicate-0" / "several_schemas")
+    with LearningLog(folder / "tensorboard") as log:
+        for policy, values in scores["policies"].items():
+            log.scores({name: score["mean"] for name, score in values.items()}, policy)
+        log.projector(network.sofm, (*STATE_NAMES, *GLASS_NAMES))
+        log.picture("retraining", folder / "figures" / "retraining.png")
+    print_tables(scores)
+    print(f"\nscores    {folder / 'metrics.json'}\nfigure    {folder / 'figures'}")
+    print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")
+
+
+if __name__ == "__main__":
+    main()
