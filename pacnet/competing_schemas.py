@@ -32,8 +32,8 @@ class CompetingSchemas(Sequences):
     a schema of its own. When the next episode begins, each is compared with the schemas that its
     node keeps. One that is alike, in its cues and in what came after, is the same schema seen
     again: it gains support, and the better sequence stays (`is_not_worse`). One that is unlike all
-    is kept beside them; where a node is full, it takes the place of the least supported if it is
-    not worse. Until then, and so in a network that learns no further, the last episode's schemas
+    is kept beside them; where a node is full, it takes the place of one that was also seen but once,
+    if it is not worse than that, or is dropped. Until then, and so in a network that learns no further, the last episode's schemas
     stand beside the others as they are.
 
     At recall every schema of the winner has a confidence: the probability that what is watched is a
@@ -290,8 +290,9 @@ class CompetingSchemas(Sequences):
         episode = self.passes.live("episode")
         known = torch.searchsorted(belief.timeline.episode, episode)
         samples, places = self.episodes.live("samples")[episode], belief.probability.shape[1]
-        first = self.passes.live("first") * places // samples
-        last = self.passes.live("last") * places // samples
+        first, last = self.passes.live("first"), self.passes.live("last")
+        first, end = first * places // samples, (last + 1) * places // samples - 1
+        last = torch.maximum(end, last * places // samples)  # a sample may span many places or none
         until = torch.nn.functional.pad(belief.probability.cumsum(dim=1), (1, 0))
         return until[known, last + 1] - until[known, first]
 

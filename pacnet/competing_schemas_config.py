@@ -16,7 +16,8 @@ class CompetingSchemasConfig:
     Attributes:
         target_dimensions: length A of a target.
         percept_dimensions: length D of a cue.
-        schemas_per_node: how many different schemas a node keeps.
+        schemas_per_node: how many different schemas a node keeps. Where it keeps as many, each seen
+            more than once, it takes no further kind.
         alike_above: two schemas of a node are the same, seen twice, where exp(−distance) is at
             least this: the distance between their cues, and between what came after them.
         continuation: samples after a schema's last at which is seen what came after it. A node

@@ -134,7 +134,10 @@ def _make_room(schemas: CompetingSchemas, new: int, dropped: list[int]) -> list[
     kept = _kept(schemas, new, dropped)
     if len(kept) < schemas.config.schemas_per_node:
         return []
-    weakest = min(kept, key=lambda old: int(schemas.blocks.live("support")[old]))
+    support = schemas.blocks.live("support")
+    weakest = min(kept, key=lambda old: int(support[old]))
+    if int(support[weakest]) > 1:  # nothing that was seen again gives way to what was seen once
+        return [new]
     length = float(schemas.blocks.live("typical_length")[weakest])
     return [weakest if _not_worse(schemas, new, weakest, length) else new]
 

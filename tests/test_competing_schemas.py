@@ -241,6 +241,15 @@ def test_a_full_node_gives_up_the_least_supported():
     assert column(schemas, "passes", "episode") == [0, 1, 3]  # 2 went with its schema
 
 
+def test_a_full_node_gives_up_nothing_that_was_seen_again():
+    schemas = make_schemas(schemas_per_node=2)
+    for episode, cue in enumerate((0.0, 1.0, 0.0, 1.0, 2.0)):
+        show(schemas, episode, cue)
+    schemas.begin(5, "")
+    assert sorted(float(schemas.cues(s).mean()) for s in (0, 1)) == [0.0, 1.0]
+    assert column(schemas, "passes", "episode") == [0, 1, 2, 3]
+
+
 def test_a_full_node_gives_up_nothing_for_what_is_worse():
     schemas = make_schemas(schemas_per_node=2)
     for episode, cue in enumerate((0.0, 0.0, 1.0)):
@@ -459,6 +468,22 @@ def test_a_node_passed_twice_does_what_belongs_to_the_time_in_the_episode():
     assert recalled(schemas, *[0.0] * 8) == [1.0] * 8
     recalled(schemas, *[3.0] * 8, node=NOBODY)
     assert recalled(schemas, *[0.0] * 8) == [2.0] * 8
+
+
+@pytest.mark.parametrize("samples", [2, 5, 20, 400])
+def test_episodes_of_any_length_are_recalled_from_end_to_end(samples: int):
+    """A sample may span many places of the timeline, or a place many samples."""
+    schemas = make_schemas()
+    course = [0.5 * sample for sample in range(samples)]
+    for episode in range(3):
+        schemas.begin(episode, "")
+        for cue in course:
+            write(schemas, 0, cue, target=cue)
+    schemas.begin(3, "")
+    assert recalled(schemas, *course) == course
+    assert schemas._belief is not None
+    within = schemas._of_passes(schemas._belief).sum().item()
+    assert within == pytest.approx(1, abs=0.02)
 
 
 def test_nothing_learned_nothing_recalled():
