@@ -32,9 +32,9 @@ class CompetingSchemas(Sequences):
     a schema of its own. When the next episode begins, each is compared with the schemas that its
     node keeps. One that is alike, in its cues and in what came after, is the same schema seen
     again: it gains support, and the better sequence stays (`is_not_worse`). One that is unlike all
-    is kept beside them; where a node is full, it takes the place of one that was also seen but once,
-    if it is not worse than that, or is dropped. Until then, and so in a network that learns no further, the last episode's schemas
-    stand beside the others as they are.
+    is kept beside them; where a node is full, it takes the place of one that was also seen but
+    once, if it is not worse than that, or is dropped. Until the next episode begins, and so in a
+    network that learns no further, the last one's schemas stand beside the others as they are.
 
     At recall every schema of the winner has a confidence: the probability that what is watched is a
     pass through it, given all that was seen in this recall episode, times how well it fits the

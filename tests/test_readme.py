@@ -11,8 +11,9 @@ import pytest
 PROJECT = Path(__file__).parents[1]
 README = (PROJECT / "README.md").read_text()
 EXPERIMENTS = (PROJECT / "docs/experiments.md").read_text()
+BEHAVIOURS = (PROJECT / "docs/behaviours.md").read_text()
 KEYS = ("wf", "tight", "energy")
-MODULES = sorted(set(re.findall(r"python -m ((?:train|benchmarks)\.\w+)", README + EXPERIMENTS)))
+MODULES = sorted(set(re.findall(r"python -m ((?:train|benchmarks)\.\w+)", README + EXPERIMENTS + BEHAVIOURS)))
 
 
 def test_its_python_runs_as_it_stands(tmp_path: Path):
@@ -21,8 +22,9 @@ def test_its_python_runs_as_it_stands(tmp_path: Path):
     assert (tmp_path / "my_net" / "model.safetensors").is_file()
 
 
-def test_the_python_of_the_experiments_runs_as_it_stands():
-    (code,) = re.findall(r"```python\n(.*?)```", EXPERIMENTS, flags=re.DOTALL)
+@pytest.mark.parametrize("text", [EXPERIMENTS, BEHAVIOURS], ids=["experiments", "behaviours"])
+def test_the_python_of_a_page_runs_as_it_stands(text: str):
+    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     subprocess.run([sys.executable, "-c", code], cwd=PROJECT, check=True)
 
 
@@ -36,7 +38,8 @@ def test_its_commands_explain_themselves(module: str):
 
 
 def test_its_links_lead_somewhere():
-    for folder, text in ((PROJECT, README), (PROJECT / "docs", EXPERIMENTS)):
+    docs = PROJECT / "docs"
+    for folder, text in ((PROJECT, README), (docs, EXPERIMENTS), (docs, BEHAVIOURS)):
         links = re.findall(r"\]\(([^)#:]+)\)", text)
         assert len(links) > 5
         for link in links:
