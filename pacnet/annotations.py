@@ -53,11 +53,9 @@ def write_annotated(
     if destination.exists():
         raise FileExistsError(f"expected a folder to be made for the copy, {destination} exists")
     info = read_info(Path(source))
-    copied = _read_features(Path(source), info)
+    copied = check_source(source, columns)
     first = next(iter(copied.values()))
-    _check_tasks(Path(source), first)
     names = {feature: part.names[feature] for feature, part in copied.items()}
-    _check_columns(columns, names)
     robot = info.get("robot_type")
     writer = DemonstrationWriter(destination, _whole(info["fps"]), {**names, **columns}, robot)
     lengths = {episode.episode: len(episode.state) for episode in first}
@@ -66,6 +64,26 @@ def write_annotated(
         for number, (episode, added) in enumerate(zip(first, annotations, strict=True)):
             frames = {name: part.episodes[number].state.numpy() for name, part in copied.items()}
             writer.save_episode(episode.task, {**frames, **added})
+
+
+def check_source(
+    source: str | Path, columns: Mapping[str, Sequence[str]]
+) -> dict[str, Demonstrations]:
+    """Whether a dataset can be copied with these extra columns, before there are any values.
+
+    Returns:
+        Every feature of it by name, each as the state of the demonstrations read.
+
+    Raises:
+        DatasetError: As `write_annotated`.
+        ValueError: As `write_annotated`, about the columns and the frames per second.
+    """
+    info = read_info(Path(source))
+    copied = _read_features(Path(source), info)
+    _check_tasks(Path(source), next(iter(copied.values())))
+    _check_columns(columns, {feature: part.names[feature] for feature, part in copied.items()})
+    _whole(info["fps"])
+    return copied
 
 
 def _read_features(source: Path, info: dict[str, Any]) -> dict[str, Demonstrations]:

@@ -23,6 +23,10 @@ from pacnet.validation import check_fields, is_integer, is_number
 class RecognitionConfig:
     """How a known episode is recognised.
 
+    Distances are in the map's scaled units, in which the noise of a percept should have a length of
+    0.1 or so: the square root of the sum over dimensions of (noise × scale)². Where it is larger,
+    widths and thresholds must be too, or the scale smaller.
+
     Attributes:
         places: parts P that each known episode is cut into.
         width: standard deviation of the likelihood, in the map's scaled units: how far a percept
@@ -31,7 +35,8 @@ class RecognitionConfig:
         mismatch: likelihood of a percept that fits nothing, relative to one that fits wholly. It
             keeps a burst of noise from deciding what is being watched.
         restart: chance that a sample belongs to some other place of some other episode.
-        novel_above: novelty over which a percept is called novel, in (0, 1).
+        novel_above: novelty over which a percept is called novel, in (0, 1). Two percepts of the
+            same instant are √2 times the noise apart; look at what known episodes give.
     """
 
     places: int = 128

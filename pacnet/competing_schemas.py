@@ -31,10 +31,11 @@ class CompetingSchemas(Sequences):
     A pass is a stretch of an episode at one habituated node. While the episode lasts, each pass has
     a schema of its own. When the next episode begins, each is compared with the schemas that its
     node keeps. One that is alike, in its cues and in what came after, is the same schema seen
-    again: it gains support, and the better sequence stays (`is_not_worse`). One that is unlike all
-    is kept beside them; where a node is full, it takes the place of one that was also seen but
-    once, if it is not worse than that, or is dropped. Until the next episode begins, and so in a
-    network that learns no further, the last one's schemas stand beside the others as they are.
+    again: it gains support, and if the episode is not worse than what is known, the new sequence
+    takes the old one's place (`pacnet.retraining`). One that is unlike all is kept beside them;
+    where a node is full, it takes the place of one that was also seen but once, if it is not worse
+    than that, or is dropped. Until the next episode begins, and so in a network that learns no
+    further, the last one's schemas stand beside the others as they are.
 
     At recall every schema of the winner has a confidence: the probability that what is watched is a
     pass through it, given all that was seen in this recall episode, times how well it fits the

@@ -19,11 +19,13 @@ class CompetingSchemasConfig:
         schemas_per_node: how many different schemas a node keeps. Where it keeps as many, each seen
             more than once, it takes no further kind.
         alike_above: two schemas of a node are the same, seen twice, where exp(−distance) is at
-            least this: the distance between their cues, and between what came after them.
-        continuation: samples after a schema's last at which is seen what came after it. A node
-            that wins again within as many goes on with its schema.
-        worse_by: how much worse than the old sequence a new one may be and still take its place,
-            in [0, 1); see `is_not_worse`.
+            least this: the distance between their cues, and between what came after them. Twice the
+            length of the noise of a percept, in scaled units, is a good distance.
+        continuation: samples after a schema's last at which is seen what came after it: half a
+            second, at the rate of the data. A node that wins again within as many goes on with its
+            schema.
+        worse_by: how much worse than what is kept an episode may be and still renew it, in [0, 1);
+            see `pacnet.retraining`.
         nearest_cues: over how many of the nearest cues a recalled target is averaged.
         threshold: confidence under which a schema does not compete; see `Competition`.
         margin: by how much more confident than the incumbent a challenger must be.
@@ -35,7 +37,7 @@ class CompetingSchemasConfig:
     schemas_per_node: int = 8
     alike_above: float = 0.82
     continuation: int = 25
-    worse_by: float = 0.2
+    worse_by: float = 0.25
     nearest_cues: int = 1
     threshold: float = 0.01
     margin: float = 0.1

@@ -60,7 +60,10 @@ class Watcher:
     def __init__(self, schemas: CompetingSchemas) -> None:
         timeline = schemas.timeline()
         if timeline is None:
-            raise ValueError("expected a network that has learned schemas, got one without any")
+            raise ValueError(
+                "expected a network that has learned schemas, got one without any: no node has "
+                "habituated and kept targets; show it more, or look at SOFMConfig.scale"
+            )
         self._schemas = schemas
         self._timeline = timeline
         self._kinds = schemas.episodes.live("behaviour")[timeline.episode]  # [E]

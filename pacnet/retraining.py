@@ -19,6 +19,7 @@ OPEN = 0
 """Support of a schema whose episode is not over."""
 
 _SMOOTHEST = 1e-4  # [units of a target] roughness below which smoother is not better
+_FAR_WORSE = 0.5  # a sequence that compares worse is a stub: it stays behind when the others renew
 
 
 class Quality(NamedTuple):
@@ -47,48 +48,41 @@ def roughness(targets: Tensor) -> float:
     return float((targets[1:-1] - middle).square().sum(dim=1).mean().sqrt())
 
 
-def is_not_worse(
-    new: Quality,
-    old: Quality,
-    typical_length: float,
-    worse_by: float,
-    familiarity: float = 1.0,
-) -> bool:
-    """Whether the new sequence may take the old one's place.
+def compare(new: Quality, old: Quality, typical_length: float) -> float:
+    """How good a new sequence is beside the old one: 1 where both are alike.
 
-    Three ratios are multiplied, each 1 where both are alike: of their fits; of their roughness, the
-    old one's over the new one's, at most 1, for a target that stands still is smooth and nothing
-    more; and of how near their lengths are to the typical one, as shorter over longer. Their
-    product, times the familiarity of the new episode, must be at least 1 − `worse_by`. A hand that
-    misses the glass moves as smoothly as one that does not: that something went wrong is seen in
-    the rest of the episode alone.
+    Three ratios are multiplied: of their fits; of their roughness, the old one's over the new
+    one's, at most 1, for a target that stands still is smooth and nothing more; and of how near
+    their lengths are to the typical one, as shorter over longer.
 
     Args:
         new: of what the new episode shows.
         old: of what the node keeps.
-        typical_length: geometric mean length of all sequences seen on this occasion, the new one's
-            included.
-        worse_by: how much worse is still not worse, in [0, 1).
-        familiarity: share of the new episode's targets in sequences that are like kept ones.
+        typical_length: geometric mean length of all sequences seen on this occasion.
     """
     smoothness = max(old.roughness, _SMOOTHEST) / max(new.roughness, _SMOOTHEST)
     if min(new.length, old.length) < 3:
         smoothness = 1.0  # there is nothing to compare
     completeness = _nearness(new.length, typical_length) / _nearness(old.length, typical_length)
     fit = new.fit / max(old.fit, _SMOOTHEST)
-    return fit * min(smoothness, 1.0) * completeness * familiarity >= 1 - worse_by
+    return fit * min(smoothness, 1.0) * completeness
 
 
 def settle(schemas: CompetingSchemas) -> None:
     """Compares each schema of an episode that is over with those that its node keeps.
+
+    The sequences of one episode belong together: a glass is put down where the hand that took it
+    thinks it stood. So an episode renews all schemas that it shares, or none. It does if, over all
+    of them, it is not worse (`compare`, geometric mean over their targets) times the share of its
+    targets that are in schemas it shares: a hand that misses the glass moves as smoothly as one
+    that does not, and that something went wrong is seen in the rest of the episode alone.
 
     Args:
         schemas: changed; those of the episode are the ones whose support is `OPEN`.
     """
     support, lengths = schemas.blocks.live("support"), schemas.lengths
     fresh = (support == OPEN).nonzero().flatten().tolist()
-    known = sum(int(lengths[new]) for new in fresh if _twin(schemas, new, []) is not None)
-    familiarity = known / max(1, sum(int(lengths[new]) for new in fresh))
+    renews = _is_not_worse(schemas, fresh)
     dropped: list[int] = []
     for new in fresh:
         twin = _twin(schemas, new, dropped)
@@ -96,8 +90,24 @@ def settle(schemas: CompetingSchemas) -> None:
         if twin is None:
             dropped += _make_room(schemas, new, dropped)
         else:
-            dropped.append(_merge(schemas, new, twin, familiarity))
+            dropped.append(_merge(schemas, new, twin, renews))
     schemas.drop(torch.tensor(sorted(dropped), dtype=torch.int64, device=support.device))
+
+
+def _is_not_worse(schemas: CompetingSchemas, fresh: list[int]) -> bool:
+    """Whether an episode of these schemas may renew what it shares."""
+    twins = {new: _twin(schemas, new, []) for new in fresh}
+    shared = {new: twin for new, twin in twins.items() if twin is not None}
+    targets = sum(int(schemas.lengths[new]) for new in shared)
+    if targets == 0:
+        return False
+    logarithms = [
+        int(schemas.lengths[new]) * math.log(max(_compare(schemas, new, twin), _SMOOTHEST))
+        for new, twin in shared.items()
+    ]
+    familiarity = targets / sum(int(schemas.lengths[new]) for new in fresh)
+    worth = familiarity * math.exp(sum(logarithms) / targets)
+    return worth >= 1 - schemas.config.worse_by
 
 
 def _kept(schemas: CompetingSchemas, new: int, dropped: list[int]) -> list[int]:
@@ -116,12 +126,11 @@ def _twin(schemas: CompetingSchemas, new: int, dropped: list[int]) -> int | None
     return twin
 
 
-def _merge(schemas: CompetingSchemas, new: int, twin: int, familiarity: float) -> int:
-    """One schema, seen once more: the better sequence stays for both; returns the other."""
+def _merge(schemas: CompetingSchemas, new: int, twin: int, renews: bool) -> int:
+    """One schema, seen once more: one sequence stays for both; returns the other."""
     support, typical = schemas.blocks.live("support"), schemas.blocks.live("typical_length")
-    seen = int(support[twin]) + 1
-    length = float(typical[twin] * (typical[new] / typical[twin]) ** (1 / seen))
-    renewed = _not_worse(schemas, new, twin, length, familiarity)
+    seen, length = int(support[twin]) + 1, _typical_length(schemas, new, twin)
+    renewed = renews and _compare(schemas, new, twin) >= _FAR_WORSE
     stays, goes = (new, twin) if renewed else (twin, new)
     support[stays], typical[stays] = seen, length
     through = schemas.passes.live("schema")
@@ -138,15 +147,24 @@ def _make_room(schemas: CompetingSchemas, new: int, dropped: list[int]) -> list[
     weakest = min(kept, key=lambda old: int(support[old]))
     if int(support[weakest]) > 1:  # nothing that was seen again gives way to what was seen once
         return [new]
-    length = float(schemas.blocks.live("typical_length")[weakest])
-    return [weakest if _not_worse(schemas, new, weakest, length) else new]
+    worth = compare(
+        _quality(schemas, new),
+        _quality(schemas, weakest),
+        float(schemas.blocks.live("typical_length")[weakest]),
+    )
+    return [weakest if worth >= 1 - schemas.config.worse_by else new]
 
 
-def _not_worse(
-    schemas: CompetingSchemas, new: int, old: int, typical_length: float, familiarity: float = 1.0
-) -> bool:
-    qualities = _quality(schemas, new), _quality(schemas, old)
-    return is_not_worse(*qualities, typical_length, schemas.config.worse_by, familiarity)
+def _compare(schemas: CompetingSchemas, new: int, twin: int) -> float:
+    length = _typical_length(schemas, new, twin)
+    return compare(_quality(schemas, new), _quality(schemas, twin), length)
+
+
+def _typical_length(schemas: CompetingSchemas, new: int, twin: int) -> float:
+    """The geometric mean of the lengths of a kept schema's sequences and of a new one."""
+    typical = float(schemas.blocks.live("typical_length")[twin])
+    seen = int(schemas.blocks.live("support")[twin]) + 1
+    return typical * (float(schemas.lengths[new]) / typical) ** (1 / seen)
 
 
 def _quality(schemas: CompetingSchemas, schema: int) -> Quality:

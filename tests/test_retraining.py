@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from pacnet import CompetingSchemas, CompetingSchemasConfig
-from pacnet.retraining import Quality, is_not_worse, roughness
+from pacnet.retraining import Quality, compare, roughness
 
 GOOD = Quality(fit=0.9, roughness=0.01, length=100)
 
@@ -48,6 +48,10 @@ def test_a_tremor_is_rougher_than_a_faster_movement():
 
 
 # Not worse
+
+
+def is_not_worse(new: Quality, old: Quality, typical_length: float, worse_by: float) -> bool:
+    return compare(new, old, typical_length) >= 1 - worse_by
 
 
 def test_an_equal_sequence_may_take_the_place_even_where_nothing_may_be_worse():

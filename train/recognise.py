@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from pacnet import PACNet
-from pacnet.annotations import write_annotated
+from pacnet.annotations import check_source, write_annotated
 from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.lerobot_files import read_info
@@ -90,6 +91,8 @@ def run(
 ) -> None:
     """Recognition of all episodes, its scores, figures and dataset."""
     torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    columns = column_names(network.behaviours, percept_names(demonstrations))
+    copies = is_copied(arguments.dataset, columns)
     watched = watch(network, demonstrations)
     episodes = [score_episode(one, network.behaviours, demonstrations.fps) for one in watched]
     totals = score_all(watched, network.behaviours)
@@ -102,12 +105,19 @@ def run(
     )
     print_table(episodes, totals)
     print(f"\nscores    {folder / 'metrics.json'}\nfigures   {folder / 'figures'}")
-    columns = column_names(network.behaviours, percept_names(demonstrations))
-    try:
+    if copies:
         write_annotated(arguments.dataset, folder / "dataset", columns, map(column_values, watched))
+        print(f"dataset   {folder / 'dataset'}")
+
+
+def is_copied(dataset: str, columns: Mapping[str, Sequence[str]]) -> bool:
+    """Whether a copy of the dataset will be written; if not, says at once why."""
+    try:
+        check_source(dataset, columns)
     except ValueError as error:
-        raise SystemExit(f"error: no copy of the dataset was written: {error}") from error
-    print(f"dataset   {folder / 'dataset'}")
+        print(f"note: no copy of the dataset will be written: {error}", file=sys.stderr)
+        return False
+    return True
 
 
 def watch(network: PACNet, demonstrations: Demonstrations) -> list[Watched]:
