@@ -13,7 +13,9 @@ README = (PROJECT / "README.md").read_text()
 EXPERIMENTS = (PROJECT / "docs/experiments.md").read_text()
 BEHAVIOURS = (PROJECT / "docs/behaviours.md").read_text()
 KEYS = ("wf", "tight", "energy")
-MODULES = sorted(set(re.findall(r"python -m ((?:train|benchmarks)\.\w+)", README + EXPERIMENTS + BEHAVIOURS)))
+MODULES = sorted(
+    set(re.findall(r"python -m ((?:train|benchmarks)\.\w+)", README + EXPERIMENTS + BEHAVIOURS))
+)
 
 
 def test_its_python_runs_as_it_stands(tmp_path: Path):
@@ -94,4 +96,53 @@ def test_the_table_of_wall_following_holds_the_shipped_scores(text: str):
             f"{100 * scores['contact_share']['mean']:.1f} %",
         ]
         for name, scores in conditions.items()
+    ]
+
+
+def shipped(path: str) -> dict:
+    return json.loads((PROJECT / "checkpoints" / path).read_text())
+
+
+@pytest.mark.parametrize("text", [README, BEHAVIOURS], ids=["README", "behaviours"])
+def test_the_table_of_recognition_holds_the_shipped_scores(text: str):
+    scores = shipped("behaviours/metrics.json")
+    seen, new = scores["recognition"], scores["novelty"]
+    completed = scores["recall"]["several schemas per node"]
+    shown = [completed[name]["task_success_rate"] for name in ("drink", "toast")]
+    table = text.split("| wanted | measured |")[1].split("\n\n")[0]
+    assert [row.rsplit("|", 2)[1].strip() for row in table.splitlines()[2:]] == [
+        " / ".join(f"{share:.2f}" for share in shown),
+        f"{seen['named_within_a_tenth_share']:.2f}",
+        f"{seen['named_after_a_tenth_samples_share']:.3f}",
+        f"{seen['progress_error_mean']:.3f}",
+        f"{seen['end_wrist_error_mean_m']:.3f} m",
+        f"{seen['next_percept_error_to_persistence']:.2f}",
+        f"{new['auroc_per_episode']:.3f}",
+        f"{new['auroc_per_frame_after_approach']:.3f}",
+        f"{100 * new['false_alarm_share']:.2f} %",
+        f"{100 * new['alarm_share_new_after_approach']:.1f} %",
+    ]
+
+
+def test_the_table_of_retraining_holds_the_shipped_scores():
+    policies = shipped("behaviours/retraining.json")["policies"]
+    table = BEHAVIOURS.split("| task success | wrist, mean |")[1].split("\n\n")[0]
+    rows = [[cell.strip() for cell in row.split("|")[2:4]] for row in table.splitlines()[2:]]
+    assert rows == [
+        [
+            "{mean:.2f} ± {std:.2f}".format(**scores["task_success_rate"]),
+            f"{100 * scores['wrist_distance_mean_m']['mean']:.1f} ± "
+            f"{100 * scores['wrist_distance_mean_m']['std']:.1f} cm",
+        ]
+        for scores in policies.values()
+    ]
+
+
+def test_the_table_of_the_schema_network_holds_the_shipped_scores():
+    systems = shipped("schema_network/metrics.json")["systems"]
+    table = BEHAVIOURS.split("| schema network | PACNet |")[1].split("\n\n")[0]
+    switches = [cell.strip() for cell in table.splitlines()[2].split("|")[2:4]]
+    assert switches == [
+        " / ".join(f"{systems[name][kind]['switches']:.1f}" for kind in ("drink", "toast", "move"))
+        for name in ("schema network", "PACNet")
     ]

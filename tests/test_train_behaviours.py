@@ -76,6 +76,15 @@ def test_recall_is_scored_by_system_and_behaviour():
     assert scores[SEVERAL]["drink"]["commanded_share"] == pytest.approx(0.75)
 
 
+def test_the_wrists_are_also_compared_where_the_behaviours_part():
+    near, far = make_episode(), make_episode()
+    far.recalls[SEVERAL].imitator_wrist[10:12] += [0, 0.06, 0]  # a tenth of 20 samples from there
+    far.recalls[SEVERAL].imitator_wrist[12:] += [0, 9, 0]
+    scores = score_recall([near, far], ("drink",))[SEVERAL]["drink"]
+    assert scores["wrist_distance_at_parting_m"] == pytest.approx((0.02 + 0.08) / 2)
+    assert scores["wrist_distance_at_parting_max_m"] == pytest.approx(0.08)
+
+
 def test_naming_is_due_a_tenth_of_an_episode_after_the_parting():
     # Parting at sample 10 of 20, so due at sample 12.
     episodes = [make_episode("drink", 12), make_episode("toast", 13), make_episode("toast", 0)]

@@ -27,8 +27,13 @@ def score_recall(
     for system in (SEVERAL, ONE):
         scores[system] = {}
         for behaviour in taught:
-            own = [e.recalls[system] for e in episodes if e.behaviour == behaviour]
-            scores[system][behaviour] = {name: score_episodes(own)[name] for name in RECALLED}
+            own = [episode for episode in episodes if episode.behaviour == behaviour]
+            whole = score_episodes([episode.recalls[system] for episode in own])
+            parting = [_wrist_distance_at_parting(episode, system) for episode in own]
+            scores[system][behaviour] = {name: whole[name] for name in RECALLED} | {
+                "wrist_distance_at_parting_m": float(np.mean(parting)),
+                "wrist_distance_at_parting_max_m": float(np.max(parting)),
+            }
     return scores
 
 
@@ -40,6 +45,9 @@ def score_recognition(
     Args:
         episodes: of these behaviours.
         taught: the behaviours, in the order in which the network knows them.
+
+    Returns:
+        `docs/behaviours.md` defines each.
     """
     rights = [e.recognition.behaviour.numpy() == taught.index(e.behaviour) for e in episodes]
     deadlines = [e.parting + int(NAMING_SHARE * len(e.shown.phases)) for e in episodes]
@@ -80,6 +88,14 @@ def score_novelty(
         ),
         "new_commanded_share": float(np.mean([e.shown.commanded.mean() for e in new])),
     }
+
+
+def _wrist_distance_at_parting(episode: BehaviourEpisode, system: str) -> float:
+    """Mean distance [m] of both wrists in the tenth of an episode in which the behaviours part."""
+    recall = episode.recalls[system]
+    apart = np.linalg.norm(recall.demonstrator_wrist - recall.imitator_wrist, axis=1)
+    until = episode.parting + int(NAMING_SHARE * len(apart))
+    return float(apart[episode.parting : until].mean())
 
 
 def _later(episode: BehaviourEpisode) -> NDArray[np.float32]:

@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     print(f"\nscores    {folder / 'metrics.json'}\nfigures   {folder / 'figures'}")
     print(f"video     {folder / 'recall.mp4'}")
     print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")
-    print(f"to watch  python -m train.recognise {folder / 'checkpoint'} {folder / 'dataset'}")
+    print(f"to watch  python -m train.recognise {folder / 'checkpoint'} DATASET")
 
 
 def record(folder: Path, seed: int, count: int) -> None:
@@ -185,13 +185,15 @@ def draw(episodes: Sequence[BehaviourEpisode]) -> dict[str, Figure]:
 
 def print_table(scores: Mapping[str, Any]) -> None:
     """The scores."""
-    print(f"\n{'':34}{'shown':>8}{'completed':>12}{'wrist mean':>12}{'wrist max':>12}")
+    head = ("completed", "wrist mean", "wrist max", "at parting")
+    print(f"\n{'':34}{'shown':>8}" + "".join(f"{name:>12}" for name in head))
     for system, by_behaviour in scores["recall"].items():
         for behaviour, values in by_behaviour.items():
             print(
                 f"{system:34}{behaviour:>8}{values['task_success_rate']:>12.3f}"
                 f"{values['wrist_distance_mean_m']:>10.4f} m"
                 f"{values['wrist_distance_max_m']:>10.4f} m"
+                f"{values['wrist_distance_at_parting_m']:>10.4f} m"
             )
     for group in ("recognition", "novelty"):
         print()
