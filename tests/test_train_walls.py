@@ -214,7 +214,7 @@ class Once:
         given = torch.tensor([self.calls == 1])
         recall = Recall(
             torch.zeros(1, 6), torch.tensor([True]), torch.tensor([7]), torch.ones(1),
-            torch.tensor([False]), torch.tensor([0]),
+            torch.tensor([False]), torch.tensor([0]), torch.tensor([7]),
         )  # fmt: skip
         return Action(torch.tensor([self.action]).where(given, torch.nan), given, recall)
 
