@@ -1,8 +1,11 @@
 """Several behaviours: the episodes' landmarks, every score by hand, the pool, the whole command."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -185,3 +188,34 @@ def test_the_command_leaves_all_that_it_promises(tmp_path: Path):
     names = {picture.stem for picture in (folder / "figures").iterdir()}
     expected = {"naming", "novelty"}
     assert names == expected | {f"recognised_{name}" for name in ("drink", "toast", "move")}
+
+
+SHARED = """
+import time
+from train.pool import share_out
+
+class Sleeper:
+    def run(self, task):
+        time.sleep(60)
+
+if __name__ == "__main__":
+    share_out(Sleeper, (), range(40), "sleeping")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT], ids=["killed", "interrupted"])
+def test_the_processes_of_a_pool_end_with_their_parent(how: signal.Signals, tmp_path: Path):
+    (tmp_path / "shared.py").write_text(SHARED)
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "shared.py")],
+        env={**os.environ, "PYTHONPATH": str(PROJECT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        # A background job hands down an ignored SIGINT.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    time.sleep(15)  # for its processes to start
+    os.kill(process.pid, how)
+    process.communicate(timeout=20)  # until none of them holds its end of the pipe
+    assert process.returncode != 0

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import torch
@@ -51,26 +55,59 @@ def share_out(
 def _results(
     make_worker: Callable[..., Worker], arguments: tuple[Any, ...], tasks: Sequence[Any]
 ) -> Iterator[Any]:
-    cores = usable_cores()
-    if cores == 1 or len(tasks) < _WORTH_A_POOL:
+    if usable_cores() == 1 or len(tasks) < _WORTH_A_POOL:
         yield from map(make_worker(*arguments).run, tasks)
         return
-    pool = ProcessPoolExecutor(
-        cores, multiprocessing.get_context("spawn"), _start, (make_worker, arguments)
-    )
-    try:
+    with processes(_keep_worker, (make_worker, arguments)) as pool:
         yield from pool.map(_run, tasks)
+
+
+@contextmanager
+def processes(
+    begin: Callable[..., None] | None = None, arguments: tuple[Any, ...] = ()
+) -> Iterator[ProcessPoolExecutor]:
+    """A pool on all usable cores, whose processes end with the block or with this process.
+
+    Args:
+        begin: called in each process when it starts.
+        arguments: for it.
+    """
+    spawn = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(usable_cores(), spawn, _start, (begin, arguments))
+    try:
+        yield pool
+    except BaseException:
+        # The executor's thread may stumble over futures that were cancelled; nobody needs to know.
+        threading.excepthook = lambda _: None
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _start(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115  # their bars would mix with ours
+    torch.set_num_threads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if begin is not None:
+        begin(*arguments)
+
+
+def _end_with_parent() -> None:
+    """Ends this process when its parent was killed: nobody would take the result."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 _worker: Worker | None = None  # of this process
 
 
-def _start(make_worker: Callable[..., Worker], arguments: tuple[Any, ...]) -> None:
+def _keep_worker(make_worker: Callable[..., Worker], arguments: tuple[Any, ...]) -> None:
     global _worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    torch.set_num_threads(1)
     _worker = make_worker(*arguments)
 
 

@@ -5,25 +5,19 @@ The networks of a replicate differ in their motor schemas and in the order of wh
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-import sys
-import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-import torch
 from tqdm import tqdm
 
 from envs.mishaps import MISHAPS
 from pacnet import CompetingSchemasConfig, MotorSchemasConfig, PACNet
 from pacnet.demonstration_writer import DemonstrationWriter
 from pacnet.demonstrations import load_demonstrations
+from train.pool import processes
 from train.postural_episodes import (
     PERCEPTS,
     TARGETS,
@@ -44,7 +38,6 @@ from train.postural_imitation import (
 )
 from train.postural_report import FPS
 from train.postural_scores import Scores, score_episodes
-from train.runs import usable_cores
 
 
 class Policy(NamedTuple):
@@ -192,36 +185,14 @@ def run_replicates(
         for replicate, dataset in zip(replicates, datasets, strict=True)
         for policy in POLICIES
     ]
-    pool = ProcessPoolExecutor(usable_cores(), multiprocessing.get_context("spawn"), _start_worker)
-    try:
-        with tqdm(total=len(replicates) + len(lessons), desc="retraining", unit="step") as progress:
-            for _ in pool.map(record, replicates, datasets):
-                progress.update()
-            done: dict[str, Scores] = {}
-            for lesson, scores in zip(lessons, pool.map(teach_and_score, lessons), strict=True):
-                progress.update()
-                done[lesson.policy] = scores
-                if len(done) == len(POLICIES):
-                    yield done
-                    done = {}
-    except BaseException:
-        for worker in multiprocessing.active_children():
-            worker.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _start_worker() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115  # their bars would mix with ours
-    torch.set_num_threads(1)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """Ends this worker when its parent was killed: nobody would take the result."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
+    steps = len(replicates) + len(lessons)
+    with processes() as pool, tqdm(total=steps, desc="retraining", unit="step") as progress:
+        for _ in pool.map(record, replicates, datasets):
+            progress.update()
+        done: dict[str, Scores] = {}
+        for lesson, scores in zip(lessons, pool.map(teach_and_score, lessons), strict=True):
+            progress.update()
+            done[lesson.policy] = scores
+            if len(done) == len(POLICIES):
+                yield done
+                done = {}

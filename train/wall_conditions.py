@@ -5,19 +5,14 @@ A replicate has its own wandering, forward model, demonstrations and map, all dr
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 
-import torch
 from tqdm import tqdm
 
 from envs.wall_behaviours import Side
 from pacnet import ForwardModel, PACNet
-from train.runs import UNSEEN_ARENAS, usable_cores
+from train.pool import processes
+from train.runs import UNSEEN_ARENAS
 from train.wall_episodes import (
     TAUGHT_SIDES,
     Driver,
@@ -70,17 +65,10 @@ def replicates(seeds: Sequence[int], arena: str | int, steps: int) -> Iterator[d
     """Replicates in the order of their seeds, on all cores; their number changes nothing."""
     if not seeds:
         return
-    pool = ProcessPoolExecutor(usable_cores(), multiprocessing.get_context("spawn"), _start_worker)
-    jobs = [pool.submit(replicate, seed, arena, steps) for seed in seeds]
-    try:
+    with processes() as pool:
+        jobs = [pool.submit(replicate, seed, arena, steps) for seed in seeds]
         for job in tqdm(jobs, "replicates", unit="replicate"):
             yield job.result()
-    except BaseException:
-        for worker in multiprocessing.active_children():
-            worker.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 Run = Callable[[Learned, int], Scores]
@@ -191,17 +179,3 @@ def _score(
 
 def _mean(scores: Sequence[Scores]) -> Scores:
     return {name: sum(one[name] for one in scores) / len(scores) for name in scores[0]}
-
-
-def _start_worker() -> None:
-    sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115  # their bars would mix with ours
-    torch.set_num_threads(1)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """Ends this worker when its parent was killed: nobody would take the result."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
