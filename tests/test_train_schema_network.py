@@ -11,7 +11,13 @@ import torch
 
 from pacnet import NOBODY, MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from pacnet.schema_network import SchemaNetwork
-from train.postural_episodes import demonstration_seeds, motor_targets, recall_seeds
+from train.postural_episodes import (
+    Condition,
+    demonstration_seeds,
+    make_environment,
+    motor_targets,
+    recall_seeds,
+)
 from train.schema_network import deal
 from train.schema_network_episodes import (
     MARGIN,
@@ -23,7 +29,6 @@ from train.schema_network_episodes import (
     Episode,
     Shown,
     held_winners,
-    make_environment,
     make_schema_network,
     watch,
     with_margin,
@@ -261,7 +266,7 @@ def test_the_same_seed_gives_the_same_bytes(two_runs: list[Path]):
 
 @pytest.mark.slow
 def test_what_the_imitator_does_does_not_show_in_its_percepts():
-    environment = make_environment("drink")
+    environment = make_environment(Condition())
     resting = watch(environment, seed=1000)
     observation, _ = environment.reset(seed=1000)
     seen, truncated = [], False

@@ -26,7 +26,12 @@ from pacnet.demonstration_writer import DemonstrationWriter
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.schema_network import SchemaNetwork
 from train.learning_log import LearningLog
-from train.postural_episodes import demonstration_seeds, recall_seeds
+from train.postural_episodes import (
+    Condition,
+    demonstration_seeds,
+    make_environment,
+    recall_seeds,
+)
 from train.postural_imitation import (
     FEATURES,
     NOVELTY_THRESHOLD,
@@ -45,7 +50,6 @@ from train.schema_network_episodes import (
     Episode,
     Shown,
     held_out_episodes,
-    make_environment,
     make_schema_network,
     watch,
 )
@@ -118,7 +122,9 @@ def demonstrate(seed: int, dataset: Path) -> dict[str, Shown]:
     shown = {}
     with DemonstrationWriter(dataset, FPS, FEATURES, "schema_network") as writer:
         for behaviour in tqdm(SCHEMAS, "recording", unit="episode"):
-            shown[behaviour] = watch(make_environment(behaviour), seeds[behaviour][0])
+            shown[behaviour] = watch(
+                make_environment(Condition(behaviour=behaviour)), seeds[behaviour][0]
+            )
             writer.save_episode(behaviour, frames_of(shown[behaviour].percepts))
     return shown
 

@@ -7,20 +7,25 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-import envs  # noqa: F401  # registers the environment
 from envs.postural_imitation import PosturalImitationEnv, percept
 from pacnet import NOBODY, PACNet
 from pacnet.competition import Competition, CompetitionConfig
 from pacnet.schema_network import SchemaNetwork
 from pacnet.schema_network_config import SchemaNetworkConfig
 from train.pool import share_out
-from train.postural_episodes import PERCEPTS, SMOOTHING, TARGETS, motor_targets
+from train.postural_episodes import (
+    PERCEPTS,
+    SMOOTHING,
+    TARGETS,
+    Condition,
+    make_environment,
+    motor_targets,
+)
 from train.postural_imitation import SCALE
 from train.postural_scores import winners_of
 
@@ -53,13 +58,6 @@ class Episode:
     shown: Shown
     winners: Mapping[str, NDArray[np.int64]]  # system -> [T], a schema from 1 or a node from 0
     success: Mapping[str, bool]  # of the systems that acted
-
-
-def make_environment(behaviour: str) -> PosturalImitationEnv:
-    """The environment itself, without gymnasium's wrappers."""
-    environment = gymnasium.make("pacnet/PosturalImitation-v0", behaviour=behaviour).unwrapped
-    assert isinstance(environment, PosturalImitationEnv)
-    return environment
 
 
 def watch(environment: PosturalImitationEnv, seed: int) -> Shown:
@@ -161,7 +159,9 @@ class _Worker:
         self.schemas = SchemaNetwork.from_pretrained(checkpoints / "schema_network")
         self.held = with_margin(self.schemas, MARGIN)
         self.pacnet = PACNet.from_pretrained(checkpoints / "pacnet").eval()
-        self.environments = {behaviour: make_environment(behaviour) for behaviour in SCHEMAS}
+        self.environments = {
+            behaviour: make_environment(Condition(behaviour=behaviour)) for behaviour in SCHEMAS
+        }
 
     def run(self, task: tuple[str, int]) -> Episode:
         behaviour, seed = task
