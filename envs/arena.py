@@ -118,19 +118,21 @@ class Arena:
         """
         places = np.asarray(points, dtype=np.float64)[:, None]  # (N, 1, 2)
         centres, axes, half_sizes = self._boxes
-        own = ((places - centres)[..., None, :] * axes).sum(axis=-1)  # (N, B, 2) in own axes
-        own = np.clip(own, -half_sizes, half_sizes)
-        on_boxes = (own[..., None] * axes).sum(axis=-2) + centres
+        own = _sum_of_pair((places - centres)[..., None, :] * axes)  # (N, B, 2) in own axes
+        own = np.minimum(np.maximum(own, -half_sizes), half_sizes)
+        on_boxes = own[..., :1] * axes[:, 0] + own[..., 1:] * axes[:, 1] + centres
         centres, radii = self._pillars
+        if not len(centres):
+            return on_boxes
         away = places - centres
-        length = np.sqrt((away * away).sum(axis=-1, keepdims=True))
+        length = np.sqrt(_sum_of_pair(away * away))[..., None]
         inwards = radii / np.maximum(length, radii)  # 1 within the pillar
         return np.concatenate([on_boxes, centres + away * inwards], axis=1)
 
     def nearest_wall(self, points: ArrayLike) -> NDArray[np.float64]:
         """From each of points (N, 2) within the arena to the nearest wall point (N, 2) [m]."""
         away = self.nearest(points) - np.asarray(points, dtype=np.float64)[:, None]
-        nearest = (away * away).sum(axis=-1).argmin(axis=1)
+        nearest = _sum_of_pair(away * away).argmin(axis=1)
         return away[np.arange(len(away)), nearest]
 
     def clearance(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -233,6 +235,11 @@ def _islands(arena: Arena, rng: np.random.Generator) -> Iterator[Box | Pillar]:
         else:
             half_size = (_draw(rng, 0.06, 0.12), _draw(rng, 0.06, 0.12))
             yield Box((x, y), half_size, _draw(rng, 0, math.pi / 2))
+
+
+def _sum_of_pair(pairs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The sum over the last axis, whose length is 2; numpy's `sum` takes three times as long."""
+    return pairs[..., 0] + pairs[..., 1]
 
 
 def _between(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from envs.arena import Arena
 from envs.arena_scene import N_SUBSTEPS, build_scene
 from envs.khepera import INFRARED_NAMES, RADIUS, RAY_ANGLES, infrared
+from envs.substeps import run_substeps
 
 _ACTUATORS = 3  # of a robot: left wheel, right wheel, lateral
 
@@ -61,7 +63,7 @@ class ArenaPhysics(mujoco.Physics):
             wheels: speeds of each robot's left and right wheel (R, 2) [m/s].
         """
         self.data.ctrl.reshape(-1, _ACTUATORS)[:, :2] = wheels
-        self.step(N_SUBSTEPS)
+        run_substeps(self, N_SUBSTEPS)
 
     @property
     def poses(self) -> NDArray[np.float64]:
@@ -75,12 +77,12 @@ class ArenaPhysics(mujoco.Physics):
 
     def touches(self, robot: int) -> bool:
         """Whether a robot touches anything."""
-        hull = self._hulls[robot]
-        return bool((self.data.contact.geom == hull).any())
+        data, hull = self.data.ptr, self._hulls[robot]
+        return data.ncon > 0 and bool((data.contact.geom == hull).any())
 
     def nearest_wall(self, robot: int) -> NearestWall:
         """The wall nearest to a robot."""
         place = self.data.qpos[3 * robot : 3 * robot + 2]
         away = self.arena.nearest_wall(place[None])[0]
-        distance = float(np.linalg.norm(away))
+        distance = math.sqrt(away.dot(away))
         return NearestWall(distance - RADIUS, away / distance)

@@ -62,7 +62,7 @@ def infrared(distances: NDArray[np.float64]) -> NDArray[np.float64]:
     seen = (distances >= 0) & (distances <= REACH)
     response = 1 / (1 + np.exp((distances - HALF_RESPONSE) / LENGTH))
     at_contact = 1 / (1 + math.exp(-HALF_RESPONSE / LENGTH))
-    return np.where(seen, response / at_contact, 0.0).mean(axis=1)
+    return np.where(seen, response / at_contact, 0.0).sum(axis=1) / len(RAY_ANGLES)
 
 
 def wheel_speeds(speed: float, turn: float) -> NDArray[np.float64]:

@@ -4,6 +4,8 @@ Row 0 is the demonstrator, row 1 the imitator. A body frame has its origin at th
 forwards, y to the left, z up. Indices are looked up once; no Python runs in the substeps.
 """
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,11 +26,14 @@ from envs.scene import (
     ROOT_HEIGHT,
     WHO,
 )
+from envs.substeps import run_substeps
 
 SMOOTHING = 0.25  # per control step, of the velocity by which a hand decides
 
 _ORIGIN = np.array([[-ROOT_DISTANCE / 2, 0, ROOT_HEIGHT], [ROOT_DISTANCE / 2, 0, ROOT_HEIGHT]])
 _FACING = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, 1.0]])  # half a turn about z is its own inverse
+# Thrice, for the three sites: numpy takes twice as long for shapes that differ.
+_ORIGINS, _FACINGS = np.stack([_ORIGIN] * 3), np.stack([_FACING] * 3)
 
 
 class SceneState(NamedTuple):
@@ -66,12 +71,13 @@ class Physics(mujoco.Physics):
         self.velocity_at = model.jnt_dofadr[joints].reshape(2, -1)  # (2, 11) into qvel
         self.camera = int(model.name2id(scene.CAMERA, "camera"))
         self.joint_range = model.jnt_range[joints[: len(JOINTS)]].copy()  # (11, 2) [rad]
-        self._sites = ids(
-            "site", *(f"{who}/{s}" for s in ("wrist", "grip", "mouth") for who in WHO)
-        )
+        sites = ids("site", *(f"{who}/{s}" for s in ("wrist", "grip", "mouth") for who in WHO))
         self._forearms = ids("body", *(f"{who}/rradius" for who in WHO))
         self._glasses = ids("body", *(f"{who}_glass" for who in WHO))
-        self._holds = ids("equality", *(f"{who}_grip" for who in WHO))
+        self._holds = ids("equality", *(f"{who}_grip" for who in WHO)).tolist()
+        self._site_at = _flat(sites, 3, (0, 1, 2)).reshape(3, 2, 3)  # into site_xpos
+        self._centre_at = _flat(self._glasses, 3, (0, 1, 2))  # (2, 3) into xpos
+        self._axis_at = _flat(self._glasses, 9, (2, 5, 8))  # (2, 3) into xmat
         self._glass_at = model.jnt_qposadr[ids("joint", *(f"{who}_glass" for who in WHO))]
         self.grips = (Grip(), Grip())
 
@@ -94,14 +100,14 @@ class Physics(mujoco.Physics):
         self._velocity = np.zeros((2, 3))  # [m/s] of the grip at the glass, smoothed
         self.scene_state = self._read(angles)
 
-    def advance(self, targets: np.ndarray) -> None:
+    def advance(self, targets: Sequence[np.ndarray]) -> None:
         """Runs one control step of `CONTROL_TIMESTEP`.
 
         Args:
-            targets: joint angles of both bodies (2, 11) [rad].
+            targets: joint angles of each body (11,) [rad].
         """
-        self.data.ctrl[:] = targets.ravel()
-        self.step(N_SUBSTEPS)
+        np.concatenate(targets, out=self.data.ctrl)
+        run_substeps(self, N_SUBSTEPS)
         before, self.scene_state = self.scene_state, self._read(self.scene_state.angles)
         self._update_grips(before)
 
@@ -112,37 +118,42 @@ class Physics(mujoco.Physics):
 
     def _read(self, before: np.ndarray) -> SceneState:
         """Reads the state, `before` being the angles one control step ago; no array is shared."""
-        data = self.data
-        sites = data.site_xpos[self._sites].reshape(3, 2, 3)
-        wrist, grip, mouth = (sites - _ORIGIN) * _FACING
-        glass = (data.xpos[self._glasses] - _ORIGIN) * _FACING
-        axis = data.xmat[self._glasses, 2::3] * _FACING
-        angles = data.qpos[self.angle_at]
+        data = self.data.ptr
+        sites = (data.site_xpos.take(self._site_at) - _ORIGINS) * _FACINGS
+        glass = (data.xpos.take(self._centre_at) - _ORIGIN) * _FACING
+        axis = data.xmat.take(self._axis_at) * _FACING
+        angles = data.qpos.take(self.angle_at)
         velocities = (angles - before) / CONTROL_TIMESTEP
-        return SceneState(angles, velocities, wrist, grip, mouth, glass, axis)
+        return SceneState(angles, velocities, sites[0], sites[1], sites[2], glass, axis)
 
     def _update_grips(self, before: SceneState) -> None:
         """Lets each hand take hold or let go, from how grip and glass stand and have moved."""
         now = self.scene_state
-        reach = now.grip - now.glass
-        carried = now.glass - before.glass
-        moved = np.where(self._held()[:, None], carried, now.grip - before.grip - carried)
-        self._velocity += SMOOTHING * (moved / CONTROL_TIMESTEP - self._velocity)
-        for row, grip in enumerate(self.grips):
+        self._smooth(before, now)
+        # From here on lists: numpy takes longer for three numbers.
+        reach, axes = (now.grip - now.glass).tolist(), now.axis.tolist()
+        velocities, heights = self._velocity.tolist(), now.glass[:, 2].tolist()
+        slips = self._slips()
+        for row, (grip, hold) in enumerate(zip(self.grips, self._holds, strict=True)):
             was_held = grip.held
             grip.update(
-                distance=_distance_to_stretch(reach[row], now.axis[row]),
-                slip=self._slip(row) if was_held else 0.0,
-                speed=_norm(self._velocity[row]),
-                height=_bottom(now.glass[row], now.axis[row]),
+                distance=_distance_to_stretch(reach[row], axes[row]),
+                slip=slips.get(hold, math.inf) if was_held else 0.0,
+                speed=math.hypot(*velocities[row]),
+                height=_bottom(heights[row], axes[row]),
             )
             if grip.held and not was_held:
                 self._weld(row)
-            self.data.eq_active[self._holds[row]] = grip.held
+            self.data.eq_active[hold] = grip.held
 
-    def _held(self) -> np.ndarray:
-        """Which hands hold their glass (2,) bool."""
-        return np.array([grip.held for grip in self.grips])
+    def _smooth(self, before: SceneState, now: SceneState) -> None:
+        """Follows the velocities: of a held glass, else of the grip relative to the glass."""
+        carried = now.glass - before.glass
+        moved = now.grip - before.grip - carried
+        for row, grip in enumerate(self.grips):
+            if grip.held:
+                moved[row] = carried[row]
+        self._velocity += SMOOTHING * (moved / CONTROL_TIMESTEP - self._velocity)
 
     def _weld(self, row: int) -> None:
         """Fixes the glass in the hand as they stand to one another now."""
@@ -154,26 +165,26 @@ class Physics(mujoco.Physics):
         mju_rotVecQuat(offset, data.xpos[glass] - data.xpos[arm], inverse)
         self.model.eq_data[self._holds[row], :10] = (0.0, 0.0, 0.0, *offset, *turn)
 
-    def _slip(self, row: int) -> float:
-        """How far the glass is from where the hand took it [m]."""
-        data, arm = self.data, self._forearms[row]
-        place = np.empty(3)
-        mju_rotVecQuat(place, self.model.eq_data[self._holds[row], 3:6], data.xquat[arm])
-        return _norm(data.xpos[self._glasses[row]] - data.xpos[arm] - place)
+    def _slips(self) -> dict[int, float]:
+        """How far each held glass is from where it was taken [m], by weld, whose error it is."""
+        data = self.data.ptr
+        welds = data.efc_id[: data.ne : 6].tolist()
+        errors = data.efc_pos[: data.ne].tolist()  # of each weld along three axes [m], then turns
+        return {weld: math.hypot(*errors[6 * i : 6 * i + 3]) for i, weld in enumerate(welds)}
 
 
-def _norm(vector: np.ndarray) -> float:
-    """Length of a 3-vector; `np.linalg.norm` takes ten times as long."""
-    return float(vector @ vector) ** 0.5
+def _flat(rows: np.ndarray, width: int, columns: tuple[int, ...]) -> np.ndarray:
+    """Where some columns of some rows (R,) stand in a raveled array of that width (R, C)."""
+    return width * rows[:, None] + np.array(columns)
 
 
-def _distance_to_stretch(reach: np.ndarray, axis: np.ndarray) -> float:
+def _distance_to_stretch(reach: list[float], axis: list[float]) -> float:
     """Distance [m] of a grip, `reach` from the glass's middle, from where it can be taken."""
-    along = float(reach @ axis)
+    along = reach[0] * axis[0] + reach[1] * axis[1] + reach[2] * axis[2]
     nearest = min(max(along, GRIP_HEIGHT - GRIP_STRETCH), GRIP_HEIGHT + GRIP_STRETCH)
-    return _norm(reach - nearest * axis)
+    return math.dist(reach, [nearest * a for a in axis])
 
 
-def _bottom(glass: np.ndarray, axis: np.ndarray) -> float:
-    """Height of the middle of a glass's bottom above the table [m]."""
-    return float(glass[2] - axis[2] * GLASS_HEIGHT / 2 - (GLASS_REST_Z - GLASS_HEIGHT / 2))
+def _bottom(height: float, axis: list[float]) -> float:
+    """Height [m] above the table of the middle of a glass's bottom, `height` that of the glass."""
+    return height - axis[2] * GLASS_HEIGHT / 2 - (GLASS_REST_Z - GLASS_HEIGHT / 2)

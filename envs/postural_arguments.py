@@ -1,5 +1,6 @@
 """What the environment of Experiment 1 accepts as arguments, options and actions."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,6 @@ def checked_joints(name: str, value: np.ndarray) -> np.ndarray:
         raise ValueError(f"{expected}, got {value!r}") from error
     if numbers.shape != (len(JOINTS),):
         raise ValueError(f"{expected}, got shape {numbers.shape}")
-    if not np.isfinite(numbers).all():
+    if not all(map(math.isfinite, numbers.tolist())):
         raise ValueError(f"{expected}, got {value!r}")
     return numbers

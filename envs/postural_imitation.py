@@ -5,6 +5,7 @@ Maistros, Marom & Hayes (2001), Experiment 1, and the behaviours that their sche
 drive them. The demonstrator plays a seeded plan, and the episode ends with it.
 """
 
+import math
 from typing import Any
 
 import gymnasium
@@ -105,7 +106,8 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._physics = Physics.build()
         self._kinematics = BodyKinematics()
         self._noise = noise_scale * noise_std()  # (50,)
-        self._low_angle, self._high_angle = self._physics.joint_range.T
+        self._low_angle, self._high_angle = self._physics.joint_range.T.copy()
+        self._half_range = (self._high_angle - self._low_angle) / 2
         self.draws_with_gl = True  # until it fails
         self._demonstration: Demonstration | None = None  # until reset
         self.action_space = Box(-1.0, 1.0, shape=(len(JOINTS),), dtype=np.float32)
@@ -149,6 +151,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             pace=self._pace,
             mishap=mishap,
         )
+        self._final_place = final_place(self._behaviour, self._place)
         self._step = 0
         self._deeds = (Deeds(), Deeds())
         self._physics.begin(np.stack([self._plan.angles[0], REST_POSTURE]), self._place)
@@ -170,13 +173,12 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             ResetNeeded: the environment was never reset.
         """
         shares = checked_joints("action", action)
-        if np.abs(shares).max() > 1 + SLACK:
+        if max(map(abs, shares.tolist())) > 1 + SLACK:
             raise ValueError(
                 f"action must be within [-1, 1], got {shares.min():.3g} to {shares.max():.3g}; "
                 "step_to takes angles [rad]"
             )
-        half_range = (self._high_angle - self._low_angle) / 2
-        return self.step_to(self._low_angle + half_range * (1 + shares))
+        return self._advance(self._low_angle + self._half_range * (1 + shares))
 
     def step_to(
         self, angles: np.ndarray
@@ -193,11 +195,18 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             ValueError: the angles are not 11 finite numbers; nothing has moved.
             ResetNeeded: the environment was never reset.
         """
-        wanted = np.clip(checked_joints("angles", angles), self._low_angle, self._high_angle)
-        self._physics.advance(np.stack([self.demonstrator_target, wanted]))
+        return self._advance(checked_joints("angles", angles))
+
+    def _advance(
+        self, wanted: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Runs one control step towards joint angles (11,) [rad], clipped to the joint ranges."""
+        wanted = np.minimum(np.maximum(wanted, self._low_angle), self._high_angle)
+        self._physics.advance((self.demonstrator_target, wanted))
         self._step += 1
         wrist = self._physics.scene_state.wrist
-        reward = float(np.exp(-np.linalg.norm(wrist[1] - wrist[0]) / REWARD_DISTANCE))
+        apart = wrist[1] - wrist[0]
+        reward = float(np.exp(-math.sqrt(apart.dot(apart)) / REWARD_DISTANCE))
         truncated = self._step >= self.episode_steps
         return self._observe(), reward, False, truncated, self._describe()
 
@@ -248,40 +257,41 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Perceives the state with noise, as float32 within the space."""
         state = self._physics.scene_state
         truth = np.concatenate(
-            [
+            (
                 state.angles[0],
                 state.velocities[0],
                 state.glass[0],
                 tilt_vector(state.axis[0]),
                 state.angles[1],
                 state.velocities[1],
-            ]
+            )
         )
         noisy = truth + self._noise * self.np_random.standard_normal(len(truth))
-        values = np.clip(noisy.astype(np.float32), self._low, self._high)
+        values = np.minimum(np.maximum(noisy.astype(np.float32), self._low), self._high)
         return {
-            "demonstrator": values[:22].copy(),
-            "glass": values[22:28].copy(),
-            "proprioception": values[28:].copy(),
+            "demonstrator": values[:22],
+            "glass": values[22:28],
+            "proprioception": values[28:],
         }
 
     def _describe(self) -> dict[str, Any]:
         """The truth behind the observation, and the task's measures."""
         state = self._physics.scene_state
-        place = final_place(self._behaviour, self._place)
         measures = [
-            measure(state.mouth[row], state.glass[row], state.axis[row], place) for row in (0, 1)
+            measure(state.mouth[row], state.glass[row], state.axis[row], self._final_place)
+            for row in (0, 1)
         ]
         success = []
         for deeds, measured, grip in zip(self._deeds, measures, self._physics.grips, strict=True):
             deeds.update(measured)
             is_put = measured.stands_at_place and not grip.held
             success.append(is_put and deeds.fulfil(self._behaviour))
+        wrists, angles = state.wrist.copy(), state.angles.copy()
         return {
-            "demonstrator_wrist": state.wrist[0].copy(),
-            "imitator_wrist": state.wrist[1].copy(),
-            "demonstrator_angles": state.angles[0].copy(),
-            "imitator_angles": state.angles[1].copy(),
+            "demonstrator_wrist": wrists[0],
+            "imitator_wrist": wrists[1],
+            "demonstrator_angles": angles[0],
+            "imitator_angles": angles[1],
             "rim_to_mouth": measures[1].rim_to_mouth,
             "glass_from_place": measures[1].glass_from_place,
             "glass_tilt": measures[1].glass_tilt,

@@ -65,7 +65,8 @@ class WallFollower:
             + _DIAGONAL_GAIN * (DIAGONAL_TARGET - diagonal)
             - _FRONT_GAIN * ahead
         )
-        return wheel_speeds(CRUISE, to_the_wall * float(np.clip(turn, -MAX_TURN, _MAX_TURN_IN)))
+        turn = np.minimum(np.maximum(turn, -MAX_TURN), _MAX_TURN_IN)
+        return wheel_speeds(CRUISE, to_the_wall * float(turn))
 
 
 class TrailFollower:

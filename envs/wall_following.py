@@ -131,7 +131,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ResetNeeded: the environment was never reset.
         """
         shares = _checked("action", action)
-        if np.abs(shares).max() > 1 + SLACK:
+        if max(map(abs, shares.tolist())) > 1 + SLACK:
             raise ValueError(
                 f"action must be within [-1, 1], got {shares}; step_to takes wheel speeds [m/s]"
             )
@@ -152,13 +152,14 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             ValueError: the speeds are not 2 finite numbers; nothing has moved.
             ResetNeeded: the environment was never reset.
         """
-        wanted = np.clip(_checked("wheel_speeds", wheel_speeds), -MAX_WHEEL_SPEED, MAX_WHEEL_SPEED)
+        wanted = _checked("wheel_speeds", wheel_speeds)
+        wanted = np.minimum(np.maximum(wanted, -MAX_WHEEL_SPEED), MAX_WHEEL_SPEED)
         self._check_reset()
         wheels = [wanted]
         if self._teacher is not None:
             wheels.append(self._teacher.act(self._perceive(TEACHER)))
         before = self._physics.poses[LEARNER]
-        self._physics.advance(np.stack(wheels))
+        self._physics.advance(np.array(wheels))
         info = self._describe(before)
         return self._perceive(LEARNER), _energy(info), False, False, info
 
@@ -204,21 +205,21 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """A robot's noisy readings (6,) float32."""
         truth = self._physics.infrared(robot)
         noisy = truth + self._noise * self.np_random.standard_normal(len(truth))
-        return np.clip(noisy, 0.0, 1.0).astype(np.float32)
+        return np.minimum(np.maximum(noisy, 0.0), 1.0).astype(np.float32)
 
     def _describe(self, before: np.ndarray) -> dict[str, Any]:
         """The truth about the learner, `before` being its pose one step ago."""
         poses, wall = self._physics.poses, self._physics.nearest_wall(LEARNER)
         pose = poses[LEARNER]
-        ahead = np.array([math.cos(pose[2]), math.sin(pose[2])])
-        towards = wall.direction
-        moved = pose[:2] - before[:2]
-        is_left = ahead[0] * towards[1] - ahead[1] * towards[0] > 0
+        x, y, heading = pose.tolist()
+        x_before, y_before, _ = before.tolist()
+        x_to_wall, y_to_wall = wall.direction.tolist()
+        is_left = math.cos(heading) * y_to_wall - math.sin(heading) * x_to_wall > 0
         info = {
             "pose": pose,
             "wall_distance": wall.distance,
             "wall_side": 0 if wall.distance > NEAR else 1 if is_left else -1,
-            "progress": abs(float(moved[1] * towards[0] - moved[0] * towards[1])),
+            "progress": abs((y - y_before) * x_to_wall - (x - x_before) * y_to_wall),
             "contact": self._physics.touches(LEARNER),
         }
         if self._teacher is not None:
@@ -273,6 +274,6 @@ def _checked(name: str, value: np.ndarray) -> np.ndarray:
         raise ValueError(f"{expected}, got {value!r}") from error
     if numbers.shape != (2,):
         raise ValueError(f"{expected}, got shape {numbers.shape}")
-    if not np.isfinite(numbers).all():
+    if not all(map(math.isfinite, numbers.tolist())):
         raise ValueError(f"{expected}, got {value!r}")
     return numbers
