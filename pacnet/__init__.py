@@ -3,6 +3,7 @@
 After Maistros, Marom & Hayes, "Perception-Action Coupling via Imitation and Attention" (2001).
 """
 
+from pacnet.attention import NOBODY, Attention, Observation, Step
 from pacnet.belief import RecognitionConfig
 from pacnet.competing_schemas import CompetingSchemas
 from pacnet.competing_schemas_config import CompetingSchemasConfig
@@ -15,7 +16,7 @@ from pacnet.pid import PIDConfig, PIDController
 from pacnet.recognition import Recognition
 from pacnet.schema_network import SchemaNetwork, SchemaNetworkConfig
 from pacnet.schemas import MotorSchemas, MotorSchemasConfig
-from pacnet.sofm import NOBODY, Attention, HabituatingSOFM, Observation
+from pacnet.sofm import HabituatingSOFM
 from pacnet.sofm_config import SOFMConfig
 from pacnet.targets import targets_ahead
 from pacnet.transition_matrix import TransitionMatrix, TransitionMatrixConfig
@@ -47,6 +48,7 @@ __all__ = [
     "SchemaNetwork",
     "SchemaNetworkConfig",
     "Selection",
+    "Step",
     "TransitionMatrix",
     "TransitionMatrixConfig",
     "targets_ahead",

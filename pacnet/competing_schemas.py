@@ -13,14 +13,13 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from pacnet.attention import NOBODY
 from pacnet.belief import Belief, Timeline
 from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.competition import Competition, CompetitionConfig
 from pacnet.retraining import OPEN, settle
 from pacnet.rows import Column, GrowableRows
-from pacnet.schemas import RecalledTarget
-from pacnet.sequences import NUMBER, Sequences, close_gaps
-from pacnet.sofm import NOBODY
+from pacnet.sequences import NUMBER, RecalledTarget, Samples, Sequences, close_gaps
 from pacnet.timeline import lay_out
 from pacnet.validation import check_rows
 
@@ -184,17 +183,33 @@ class CompetingSchemas(Sequences):
             return
         self._check(node, target, cue, activation)
         self._changed()
+        self._write(node if habituated else NOBODY, target, cue, activation)
+
+    @torch.no_grad()
+    def write_samples(self, samples: Samples, _episode: int) -> None:
+        """`write` for samples that the map has taken in, checked; nothing in eval mode."""
+        if not self.training:
+            return
+        self._changed()
+        nodes = samples.node.where(samples.habituated, NOBODY).tolist()
+        rows = zip(nodes, samples.target, samples.cue, samples.activation.tolist(), strict=True)
+        for row in rows:
+            self._write(*row)
+
+    def _write(self, node: int, target: Tensor, cue: Tensor, activation: float) -> None:
+        """One sample; the node is `NOBODY` where it is not habituated and keeps nothing."""
         frame = int(self.episodes.live("samples")[-1])
         self.episodes.live("samples")[-1] += 1
         self.episodes.live("last_cue")[-1] = cue
         recent = self._recent_passes(frame)
         self.blocks.live("continuation")[self.passes.live("schema")[recent]] = cue
-        if not habituated:
+        if node == NOBODY:
             return
         here = recent[self.blocks.live("node")[self.passes.live("schema")[recent]] == node]
         number = int(here[0]) if len(here) else self._open(node, cue, frame)
         schema = int(self.passes.live("schema")[number])
-        self._append(schema, {"target": target, "cue": cue, "frame": frame})
+        frames = torch.tensor([frame], device=cue.device)
+        self._append(schema, {"target": target[None], "cue": cue[None], "frame": frames})
         fit = self.blocks.live("fit")[schema]
         fit += (activation - fit) / self.lengths[schema]
         self.passes.live("last")[number] = frame

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from pacnet.sofm import NOBODY
+from pacnet.attention import NOBODY
 from pacnet.validation import check_fields, check_rows, is_number
 
 

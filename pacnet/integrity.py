@@ -10,11 +10,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from pacnet.attention import NOBODY
 from pacnet.competing_schemas import CompetingSchemas
 from pacnet.retraining import OPEN
 from pacnet.schemas import MotorSchemas
 from pacnet.sequences import Sequences
-from pacnet.sofm import NOBODY, HabituatingSOFM
+from pacnet.sofm import HabituatingSOFM
 
 
 def check_integrity(sofm: HabituatingSOFM, schemas: MotorSchemas | CompetingSchemas) -> None:

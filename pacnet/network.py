@@ -10,22 +10,28 @@ from operator import index
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from pacnet.attention import NOBODY, Attention, Lesson, Observation
 from pacnet.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.competing_schemas import CompetingSchemas
 from pacnet.competing_schemas_config import CompetingSchemasConfig
+from pacnet.engine import Engine
 from pacnet.forward_model import ForwardModel
 from pacnet.integrity import check_integrity
 from pacnet.interrupts import interrupts_held_back
 from pacnet.network_config import PACNetConfig
 from pacnet.recognition import Recognition, Understanding, Watcher
 from pacnet.schemas import NO_EPISODE, MotorSchemas, MotorSchemasConfig
-from pacnet.sofm import NOBODY, Attention, HabituatingSOFM, Observation, Response, record
+from pacnet.sequences import Samples
+from pacnet.sofm import HabituatingSOFM
 from pacnet.validation import check_rows
 
 _LAST_EPISODE = 2**63 - 1  # that an int64 holds
+_AT_ONCE = 1024  # samples learned between two chances for a Ctrl-C
 
 
 class Recall(NamedTuple):
@@ -63,6 +69,25 @@ class Action(NamedTuple):
         return self.recall.commanded & ~self.given
 
 
+class Decision(NamedTuple):
+    """What the network would do on one percept of a control loop."""
+
+    action: NDArray[np.float32] | None
+    """`[U]`; None where none is given and the caller's default behaviour acts."""
+    target: NDArray[np.float32] | None
+    """The motor target, `[A]`; None where nothing is commanded."""
+    winner: int
+    """Nearest node, or `NOBODY`."""
+    activation: float
+    """exp(−distance to the winner)."""
+    novelty: bool
+    """Whether the activation is under the novelty threshold."""
+    position: int
+    """Place of the target in its schema; −1 where nothing is commanded."""
+    schema: int
+    """Number of the schema it is from, or `NOBODY`."""
+
+
 class PACNet(nn.Module):
     """Perception-action coupling: learns by watching (`observe`), acts on what it sees.
 
@@ -73,9 +98,10 @@ class PACNet(nn.Module):
         forward_model: turns targets into actions: a `PIDController`, an `MLPForwardModel`, a
             `TransitionMatrix`, or anything else that is a `ForwardModel`. It belongs to the body
             and not to what was watched, so checkpoints of the network leave it out.
+        engine: as of `HabituatingSOFM`, for the map and for motor schemas, one a node.
 
     Raises:
-        ValueError: a forward model that is none.
+        ValueError: a forward model that is none, or no such engine.
 
     Example:
         >>> config = PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, percept_dimensions=2))
@@ -89,15 +115,20 @@ class PACNet(nn.Module):
 
     episode: Tensor
 
-    def __init__(self, config: PACNetConfig, forward_model: ForwardModel | None = None) -> None:
+    def __init__(
+        self,
+        config: PACNetConfig,
+        forward_model: ForwardModel | None = None,
+        engine: Engine = "auto",
+    ) -> None:
         super().__init__()
         if forward_model is not None and not isinstance(forward_model, ForwardModel):
             got = type(forward_model).__name__
             raise ValueError(f"expected forward_model as a ForwardModel or None, got {got}")
         self.config = config
         self.forward_model = forward_model
-        self.sofm = HabituatingSOFM(config.attention)
-        self.schemas = _make_schemas(config.schemas)
+        self.sofm = HabituatingSOFM(config.attention, engine)
+        self.schemas = _make_schemas(config.schemas, engine)
         self._watcher: Watcher | None = None  # of the episode that is being recognised
         self.register_buffer("episode", torch.tensor(NO_EPISODE))  # the last one observed
 
@@ -136,11 +167,9 @@ class PACNet(nn.Module):
         episode = index(episode)
         percepts, targets = self._check_pair(percepts, targets)
         self._begin(episode, behaviour)
-        responses = [
-            self._observe_one(percept, target, episode)
-            for percept, target in zip(percepts, targets, strict=True)
-        ]
-        return record(responses)
+        parts = zip(percepts.split(_AT_ONCE), targets.split(_AT_ONCE), strict=True)
+        observations = [self._learn(*part, episode) for part in parts]
+        return Observation(*map(torch.cat, zip(*observations, strict=True)))
 
     def _begin(self, episode: int, behaviour: str) -> None:
         """A new learning episode, or the last one going on."""
@@ -153,30 +182,45 @@ class PACNet(nn.Module):
                 self.schemas.begin(episode, behaviour)
             self.episode.fill_(episode)
 
-    def _observe_one(self, percept: Tensor, target: Tensor, episode: int) -> Response:
+    def _learn(self, percepts: Tensor, targets: Tensor, episode: int) -> Observation:
         # Growing inside a caller's inference mode would make buffers nobody can update later; a
-        # Ctrl-C between map and schemas would leave a node without one.
+        # Ctrl-C between map and schemas would leave nodes without one.
         with torch.inference_mode(False), interrupts_held_back():
-            response = self.sofm.attend(percept)
-            if response.inserted:
-                self.schemas.add_node()
+            nodes = len(self.sofm)
+            lesson = self.sofm.learn(percepts)
             if self.training:
-                self._write(response, percept, target, episode)
-            if response.deleted is not None:
-                self.schemas.delete(response.deleted)
-        return response
+                self._keep(lesson, nodes, percepts, targets, episode)
+        return lesson.observation
 
-    def _write(self, response: Response, percept: Tensor, target: Tensor, episode: int) -> None:
-        """Hands one sample to the motor schemas of its winner, or of the node just made."""
-        winner = len(self.sofm) - 1 if response.inserted else int(response.attention.winner)
-        habituated = response.habituated
-        if isinstance(self.schemas, CompetingSchemas):
-            activation = float(response.attention.activation)
-            self.schemas.write(
-                winner, target, percept, activation=activation, habituated=habituated
+    def _keep(
+        self, lesson: Lesson, nodes: int, percepts: Tensor, targets: Tensor, episode: int
+    ) -> None:
+        """Takes the motor schemas, which do not influence the map, to where the map is.
+
+        Args:
+            lesson: what the map did.
+            nodes: how many it had before.
+            percepts: `[T, D]`, scaled.
+            targets: `[T, A]`.
+            episode: number of the learning episode.
+        """
+        observed = lesson.observation
+        for part, gone in lesson.between_deletions():
+            inserted = observed.inserted[part]
+            made = nodes - 1 + inserted.cumsum(0)  # number of the node made at a sample
+            for _ in range(int(inserted.sum())):
+                nodes = self.schemas.add_node() + 1
+            samples = Samples(
+                node=torch.where(inserted, made, observed.winner[part]),
+                activation=observed.activation[part],
+                habituated=lesson.habituated[part],
+                target=targets[part],
+                cue=percepts[part],
             )
-        else:
-            self.schemas.write(winner, target, percept, episode, habituated=habituated)
+            self.schemas.write_samples(samples, episode)
+            if len(gone):
+                self.schemas.delete(gone)
+                nodes -= len(gone)
 
     @torch.no_grad()
     def recall(self, percepts: Tensor) -> Recall:
@@ -194,20 +238,53 @@ class PACNet(nn.Module):
         """
         percepts = self.sofm.scaled(percepts)
         attention = self.sofm.read(percepts)
-        targets = percepts.new_full(
-            (len(percepts), self.config.schemas.target_dimensions), torch.nan
-        )
-        position = torch.full_like(attention.winner, NOBODY)
-        schema = position.clone()
-        matching = torch.where(attention.novelty, NOBODY, attention.winner).tolist()
-        for sample, node in enumerate(matching):
-            recalled = self.schemas.recall(node, percepts[sample])
-            if recalled is not None:
-                targets[sample], position[sample], schema[sample] = recalled
+        matching = torch.where(attention.novelty, NOBODY, attention.winner)
+        targets, position, schema = self.schemas.recall_samples(matching, percepts)
         return Recall(
             targets, position != NOBODY, attention.winner, attention.activation,
             attention.novelty, position, schema,
         )  # fmt: skip
+
+    @torch.no_grad()
+    def step(
+        self,
+        percept: NDArray[np.float32] | Tensor,
+        state: NDArray[np.float32] | Tensor | None = None,
+    ) -> Decision:
+        """`act`, or without a forward model `recall`, for one percept of a control loop.
+
+        Takes microseconds where the compiled engine runs. Nothing is learned, in no mode.
+
+        Args:
+            percept: `[D]`, an array or tensor of the network's dtype; arrays are on the CPU. Goes
+                on from the last call, as `recall` does.
+            state: `[S]`, the robot's state, from which the forward model starts; the percept
+                itself if left out.
+
+        Raises:
+            ValueError: as `act`; the recall episode is where it was then, if it is the percept.
+        """
+        seen, scaled = self.sofm.look(percept)
+        recalled = self.schemas.recall_row(NOBODY if seen.novelty else seen.winner, scaled)
+        if recalled is None:
+            return Decision(None, None, seen.winner, seen.activation, seen.novelty, -1, NOBODY)
+        target, position, schema = recalled
+        action = self._command_one(percept if state is None else state, target)
+        return Decision(
+            action, target, seen.winner, seen.activation, seen.novelty, position, schema
+        )
+
+    def _command_one(
+        self, state: NDArray[np.float32] | Tensor, target: NDArray[np.float32]
+    ) -> NDArray[np.float32] | None:
+        model = self.forward_model
+        if model is None:
+            return None
+        if hasattr(model, "command_one"):
+            return model.command_one(state, target)
+        one = torch.from_numpy(state) if isinstance(state, np.ndarray) else state
+        action, given = model.command(one[None], torch.from_numpy(target)[None].to(one))
+        return action[0].numpy(force=True) if bool(given) else None
 
     @torch.no_grad()
     def recognise(self, percepts: Tensor) -> Recognition:
@@ -297,20 +374,24 @@ class PACNet(nn.Module):
 
     @classmethod
     def from_pretrained(
-        cls, folder: str | Path, forward_model: ForwardModel | None = None
+        cls,
+        folder: str | Path,
+        forward_model: ForwardModel | None = None,
+        engine: Engine = "auto",
     ) -> PACNet:
         """Loads what `save_pretrained` wrote, on the CPU, ready to recall or to go on learning.
 
         Args:
             folder: of the checkpoint.
             forward_model: to act with.
+            engine: as of `PACNet`.
 
         Raises:
             FileNotFoundError: no checkpoint there.
             ValueError: a damaged file, an unknown version, or a missing, extra or misshapen tensor.
         """
         config, tensors = read_checkpoint(folder)
-        network = cls(PACNetConfig.from_dict(config))
+        network = cls(PACNetConfig.from_dict(config), engine=engine)
         expected, got = set(network.state_dict()), set(tensors)
         if expected != got:
             missing, extra = sorted(expected - got) or "none", sorted(got - expected) or "none"
@@ -354,11 +435,11 @@ class PACNet(nn.Module):
 
 
 def _make_schemas(
-    config: MotorSchemasConfig | CompetingSchemasConfig,
+    config: MotorSchemasConfig | CompetingSchemasConfig, engine: Engine
 ) -> MotorSchemas | CompetingSchemas:
     if isinstance(config, CompetingSchemasConfig):
         return CompetingSchemas(config)
-    return MotorSchemas(config)
+    return MotorSchemas(config, engine)
 
 
 def _checked_states(states: Tensor, percepts: Tensor) -> Tensor:

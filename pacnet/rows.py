@@ -11,8 +11,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
+
+_FEWEST = 64  # rows there is room for
 
 
 class Column(NamedTuple):
@@ -31,20 +34,25 @@ class GrowableRows(nn.Module):
 
     Args:
         columns: the name of each column and what a row of it holds.
+
+    Attributes:
+        count: the number of live rows, a numpy int64 array `[1]`, which compiled kernels that add
+            or delete rows write themselves: so a row and its count are never apart.
     """
 
     def __init__(self, columns: Mapping[str, Column]) -> None:
         super().__init__()
         self.columns = dict(columns)
-        self._count = 0
+        self.count = np.zeros(1, np.int64)
         for name, column in self.columns.items():
-            self.register_buffer(name, torch.zeros(0, *column.shape, dtype=column.dtype))
+            empty = torch.zeros(_FEWEST, *column.shape, dtype=column.dtype)
+            self.register_buffer(name, empty)
         self.register_state_dict_post_hook(_trim_to_live_rows)
         self.register_load_state_dict_pre_hook(_make_room_for_loaded_rows)
 
     def __len__(self) -> int:
         """The number of live rows."""
-        return self._count
+        return int(self.count[0])
 
     @property
     def capacity(self) -> int:
@@ -53,7 +61,7 @@ class GrowableRows(nn.Module):
 
     def live(self, name: str) -> Tensor:
         """The live rows of a column, `[len(self), *shape]`: a view, valid until the next change."""
-        return getattr(self, name)[: self._count]
+        return getattr(self, name)[: len(self)]
 
     def append(self, row: Mapping[str, Tensor | float]) -> int:
         """Adds one row with a value for every column and returns its number."""
@@ -64,13 +72,24 @@ class GrowableRows(nn.Module):
 
     def extend(self, rows: int) -> int:
         """Adds rows of zeros and returns the number of the first."""
-        first = self._count
-        if first + rows > self.capacity:
-            self._reserve(max(first + rows, 2 * self.capacity, 8))
+        first = len(self)
+        self.make_room(rows)
         for name in self.columns:
             self.get_buffer(name)[first : first + rows] = 0
-        self._count += rows
+        self.count += rows
         return first
+
+    def make_room(self, rows: int) -> None:
+        """Grows, at least to twice the capacity, unless so many more rows fit already."""
+        wanted = len(self) + rows
+        if wanted <= self.capacity:
+            return
+        capacity = max(wanted, 2 * self.capacity)
+        for name in self.columns:
+            old = self.get_buffer(name)
+            new = old.new_zeros(capacity, *old.shape[1:])
+            new[: len(self)] = self.live(name)
+            setattr(self, name, new)
 
     def keep(self, rows: Tensor) -> None:
         """Keeps the rows with these numbers, in this order, and drops all others.
@@ -81,20 +100,25 @@ class GrowableRows(nn.Module):
         for name in self.columns:
             buffer = self.get_buffer(name)
             buffer[: len(rows)] = buffer[rows]
-        self._count = len(rows)
+        self.count[0] = len(rows)
+
+    def swap_out(self, rows: Tensor) -> None:
+        """Deletes the rows with these numbers, int64 `[K]` ascending, where their order is free.
+
+        From the highest number down, the row that is then the last takes each one's place: a time
+        that does not depend on how many rows there are.
+        """
+        for row in reversed(rows.tolist()):
+            self.count -= 1
+            for name in self.columns:
+                buffer = self.get_buffer(name)
+                buffer[row] = buffer[len(self)]
 
     def delete(self, rows: Tensor) -> None:
         """Deletes the rows with these numbers, int64 `[K]`; the later ones move down."""
-        alive = torch.ones(self._count, dtype=torch.bool, device=rows.device)
+        alive = torch.ones(len(self), dtype=torch.bool, device=rows.device)
         alive[rows] = False
         self.keep(alive.nonzero().flatten())
-
-    def _reserve(self, capacity: int) -> None:
-        for name in self.columns:
-            old = self.get_buffer(name)
-            new = old.new_zeros(capacity, *old.shape[1:])
-            new[: self._count] = old[: self._count]
-            setattr(self, name, new)
 
 
 def _trim_to_live_rows(
@@ -121,4 +145,4 @@ def _make_room_for_loaded_rows(
     for name, count in counts.items():
         buffer = rows.get_buffer(name)
         setattr(rows, name, buffer.new_zeros(count, *buffer.shape[1:]))
-        rows._count = count
+        rows.count[0] = count

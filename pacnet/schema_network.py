@@ -14,13 +14,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from pacnet.attention import NOBODY
 from pacnet.candidates import check_equally_many
 from pacnet.competition import Competition
 from pacnet.forward_model import ForwardModel
 from pacnet.model_checkpoint import load_tensors, read_model, save_model
 from pacnet.rows import Column, GrowableRows
 from pacnet.schema_network_config import SchemaNetworkConfig
-from pacnet.sofm import NOBODY
 from pacnet.validation import check_rows
 
 _SEARCH_ELEMENTS = 2**24  # differences held at once while searching: 64 MB

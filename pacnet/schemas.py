@@ -7,14 +7,27 @@ its cue, the percept it was shown with, so that recall can keep pace with what i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.sequences import NUMBER, Sequences
-from pacnet.sofm import NOBODY
+from pacnet.attention import NOBODY
+from pacnet.engine import Engine, check_engine, runs_compiled
+from pacnet.sequences import (
+    NUMBER,
+    RecalledRow,
+    RecalledTarget,
+    RecalledTargets,
+    Samples,
+    Sequences,
+)
 from pacnet.validation import check_fields, check_rows, is_integer
+
+if TYPE_CHECKING:
+    from pacnet.compiled_schemas import CompiledSchemas
 
 NO_EPISODE = -1
 """The episode of a schema that was never written."""
@@ -53,14 +66,6 @@ class MotorSchemasConfig:
         )
 
 
-class RecalledTarget(NamedTuple):
-    """The current target of a motor schema."""
-
-    target: Tensor  # [A]
-    position: int  # its place in its sequence; of several, that of the nearest cue
-    schema: int  # number of the sequence
-
-
 class MotorSchemas(Sequences):
     """One growable sequence of targets per node, overwritten by each new episode.
 
@@ -68,11 +73,18 @@ class MotorSchemas(Sequences):
 
     Args:
         config: see `MotorSchemasConfig`.
+        engine: as of `HabituatingSOFM`; what is compiled is recall by cue.
+
+    Raises:
+        ValueError: no such engine. With `compiled`, recall raises it where it cannot run.
     """
 
-    def __init__(self, config: MotorSchemasConfig) -> None:
+    def __init__(self, config: MotorSchemasConfig, engine: Engine = "auto") -> None:
         super().__init__(config.target_dimensions, config.percept_dimensions, {"episode": NUMBER})
+        check_engine(engine)
         self.config = config
+        self.engine: Engine = engine
+        self._compiled: CompiledSchemas | None = None
         self.register_load_state_dict_post_hook(_start_recall_afresh)
         self.reset()
 
@@ -116,15 +128,26 @@ class MotorSchemas(Sequences):
         self._check_node(node)
         check_rows("targets", target[None], self.config.target_dimensions, self.pool.live("target"))
         check_rows("cues", cue[None], self.config.percept_dimensions, self.pool.live("cue"))
+        if self.training and habituated:
+            self._write(node, target[None], cue[None], episode)
+
+    @torch.no_grad()
+    def write_samples(self, samples: Samples, episode: int) -> None:
+        """`write` for samples that the map has taken in, checked; nothing in eval mode."""
         # Rule 1: not fully habituated, still settling. The schema is left as it is.
-        if not (habituated and self.training):
-            return
-        # Rule 3: a new learning episode. The sequence is cleared, and starts with this target.
+        written = samples.habituated & self.training
+        for node in samples.node[written].unique().tolist():
+            here = written & (samples.node == node)
+            self._write(node, samples.target[here], samples.cue[here], episode)
+
+    def _write(self, node: int, targets: Tensor, cues: Tensor, episode: int) -> None:
+        """Rules 2 and 3 for rows `[K, A]` and `[K, D]` of one episode at a habituated node."""
+        # Rule 3: a new learning episode. The sequence is cleared, and starts with these targets.
         if int(self.blocks.live("episode")[node]) != episode:
             self.blocks.live("length")[node] = 0
             self.blocks.live("episode")[node] = episode
-        # Rule 2: the same learning episode. The target is appended.
-        self._append(node, {"target": target, "cue": cue})
+        # Rule 2: the same learning episode. The targets are appended.
+        self._append(node, {"target": targets, "cue": cues})
 
     @torch.no_grad()
     def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
@@ -157,6 +180,38 @@ class MotorSchemas(Sequences):
         position = min(self._positions.get(node, -1) + 1, len(targets) - 1)
         self._positions[node] = position
         return RecalledTarget(targets[position].clone(), position, node)
+
+    @torch.no_grad()
+    def recall_samples(self, nodes: Tensor, percepts: Tensor) -> RecalledTargets:
+        """`recall` for winners, or `NOBODY`, int64 `[T]`, and scaled percepts `[T, D]`."""
+        compiled = self._compiled_recall()
+        if compiled is None:
+            return super().recall_samples(nodes, percepts)
+        target, position = compiled.recall(nodes, percepts)
+        return RecalledTargets(target, position, nodes.where(position != NOBODY, NOBODY))
+
+    @torch.no_grad()
+    def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
+        """`recall` for a scaled percept `[D]` that is no tensor."""
+        compiled = self._compiled_recall()
+        if compiled is None:
+            return super().recall_row(node, percept)
+        recalled = compiled.recall_one(node, percept)
+        return None if recalled is None else RecalledRow(*recalled, node)
+
+    def _compiled_recall(self) -> CompiledSchemas | None:
+        """The compiled engine, or None where the eager one runs."""
+        compiled = self._compiled
+        if compiled is not None and compiled.is_current:
+            return compiled
+        if not runs_compiled(self.engine, self.pool.get_buffer("target")):
+            return None
+        if self.config.recall_by == "order":
+            return None
+        from pacnet.compiled_schemas import CompiledSchemas
+
+        self._compiled = CompiledSchemas(self)
+        return self._compiled
 
     def _recall_by_cue(self, node: int, percept: Tensor, targets: Tensor) -> RecalledTarget:
         distance = (self.cues(node) - percept).square().sum(dim=1)  # [L], squared

@@ -7,14 +7,57 @@ that compete (`CompetingSchemas`).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from pacnet.attention import NOBODY
 from pacnet.rows import Column, GrowableRows
 
 NUMBER = Column((), torch.int64)
 """A column of integers."""
+
+
+class Samples(NamedTuple):
+    """T samples of an episode, in order of time, as the map hands them to the motor schemas."""
+
+    node: Tensor
+    """The winner, or the node just made, int64 `[T]`."""
+    activation: Tensor
+    """Of the winner by the percept, `[T]`."""
+    habituated: Tensor
+    """Whether the winner is fully habituated, bool `[T]`."""
+    target: Tensor
+    """`[T, A]`."""
+    cue: Tensor
+    """The percept, scaled, `[T, D]`."""
+
+
+class RecalledTarget(NamedTuple):
+    """The current target of a motor schema."""
+
+    target: Tensor  # [A]
+    position: int  # its place in its sequence; of several, that of the nearest cue
+    schema: int  # number of the sequence
+
+
+class RecalledRow(NamedTuple):
+    """The same as a `RecalledTarget`, for a control loop."""
+
+    target: NDArray[np.float32]  # [A]
+    position: int
+    schema: int
+
+
+class RecalledTargets(NamedTuple):
+    """The current targets at T samples; NaN, −1 and `NOBODY` where there is none."""
+
+    target: Tensor  # [T, A]
+    position: Tensor  # int64 [T]
+    schema: Tensor  # int64 [T]
 
 
 class Sequences(nn.Module):
@@ -64,25 +107,50 @@ class Sequences(nn.Module):
         """The percepts, in the map's scaled units, that the targets were shown with, `[L, D]`."""
         return self._rows("cue", sequence)
 
+    def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
+        """The current target at a sample; what it is, each kind of schemas decides."""
+        raise NotImplementedError
+
+    def recall_samples(self, nodes: Tensor, percepts: Tensor) -> RecalledTargets:
+        """`recall` for winners, or `NOBODY`, int64 `[T]`, and scaled percepts `[T, D]`."""
+        targets = self.pool.live("target")
+        target = targets.new_full((len(nodes), targets.shape[1]), torch.nan)
+        position = torch.full_like(nodes, NOBODY)
+        schema = position.clone()
+        for sample, node in enumerate(nodes.tolist()):
+            recalled = self.recall(node, percepts[sample])
+            if recalled is not None:
+                target[sample], position[sample], schema[sample] = recalled
+        return RecalledTargets(target, position, schema)
+
+    def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
+        """`recall` for a scaled percept `[D]` that is no tensor."""
+        recalled = self.recall(node, torch.from_numpy(percept).to(self.pool.live("cue")))
+        if recalled is None:
+            return None
+        return RecalledRow(recalled.target.numpy(force=True), recalled.position, recalled.schema)
+
     def _rows(self, column: str, sequence: int) -> Tensor:
         start, length = int(self.blocks.live("start")[sequence]), int(self.lengths[sequence])
         return self.pool.live(column)[start : start + length]
 
-    def _append(self, sequence: int, row: Mapping[str, Tensor | int]) -> None:
-        if self.lengths[sequence] == self.blocks.live("room")[sequence]:
-            self._make_room(sequence)
-        number = int(self.blocks.live("start")[sequence] + self.lengths[sequence])
-        for name, value in row.items():
-            self.pool.live(name)[number] = value
-        self.lengths[sequence] += 1
+    def _append(self, sequence: int, rows: Mapping[str, Tensor]) -> None:
+        """Appends K rows, a tensor `[K, ...]` of each column."""
+        length, added = int(self.lengths[sequence]), len(next(iter(rows.values())))
+        if length + added > int(self.blocks.live("room")[sequence]):
+            self._make_room(sequence, length + added)
+        first = int(self.blocks.live("start")[sequence]) + length
+        for name, values in rows.items():
+            self.pool.live(name)[first : first + added] = values
+        self.lengths[sequence] += added
 
-    def _make_room(self, sequence: int) -> None:
-        """Moves a sequence to the pool's end, into a block of twice the room."""
+    def _make_room(self, sequence: int, wanted: int) -> None:
+        """Moves a sequence to the pool's end, into a block of at least twice the room."""
         if len(self.pool) > 4 * max(8, int(self.blocks.live("room").sum())):
             close_gaps(self)
         rows = {name: self._rows(name, sequence) for name in self.pool.columns}
         length = int(self.lengths[sequence])
-        room = max(8, 2 * length)
+        room = max(8, 2 * length, wanted)
         start = self.pool.extend(room)
         for name, old in rows.items():
             self.pool.live(name)[start : start + length] = old

@@ -6,67 +6,23 @@ Marsland, Shapiro & Nehmzow (2002), "A self-organising network that grows when r
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from pacnet.attention import NOBODY, Attention, Lesson, Observation, Response, Step, record
+from pacnet.engine import Engine, check_engine, runs_compiled
 from pacnet.rows import Column, GrowableRows
-from pacnet.sofm_config import SOFMConfig
-from pacnet.validation import check_rows
+from pacnet.sofm_config import LARGEST_PERCEPT, SOFMConfig
+from pacnet.validation import check_form, check_rows
 
-NOBODY = -1
-"""Stands for «no node»: the winner of an empty map, the runner-up of a map of one node."""
+if TYPE_CHECKING:
+    from pacnet.compiled_sofm import CompiledSOFM
 
-_LARGEST = 1e17  # of a scaled percept: its squares still add up in float32
 _SEARCH_ELEMENTS = 2**24  # differences held at once while searching: 64 MB
-
-
-class Attention(NamedTuple):
-    """What the map says of each percept. B percepts."""
-
-    winner: Tensor
-    """Nearest node, int64 `[B]`, or `NOBODY`."""
-    runner_up: Tensor
-    """Second nearest node, int64 `[B]`, or `NOBODY`."""
-    activation: Tensor
-    """exp(−distance to the winner), `[B]`, in (0, 1]; 0 where the map is empty."""
-    novelty: Tensor
-    """Whether the activation is under the novelty threshold, bool `[B]`."""
-
-
-class Observation(NamedTuple):
-    """What the map said of each percept before it learned it, and what it then did. T percepts."""
-
-    winner: Tensor
-    """Nearest node, int64 `[T]`, as numbered at that sample, or `NOBODY`."""
-    runner_up: Tensor
-    """Second nearest node, int64 `[T]`, as numbered at that sample, or `NOBODY`."""
-    activation: Tensor
-    """exp(−distance to the winner), `[T]`."""
-    novelty: Tensor
-    """Whether the activation was under the novelty threshold, bool `[T]`."""
-    attended: Tensor
-    """Whether the map responded (cases 1 and 2), bool `[T]`."""
-    inserted: Tensor
-    """Whether it made a node (case 1), bool `[T]`."""
-    ignored: Tensor
-    """Whether it did not respond (case 3), bool `[T]`; the opposite of `attended`."""
-    dishabituated: Tensor
-    """Whether the winner had been habituated for the forgetting interval and responds again."""
-    deleted: Tensor
-    """Number of nodes that went with their last edge, int64 `[T]`."""
-
-
-class Response(NamedTuple):
-    """What the map did with one percept."""
-
-    attention: Attention  # of one percept, B = 1
-    inserted: bool = False
-    ignored: bool = False
-    dishabituated: bool = False
-    habituated: bool = False  # whether the winner was fully habituated when it matched
-    deleted: Tensor | None = None  # numbers of the nodes that went, int64 [K], before they went
 
 
 class HabituatingSOFM(nn.Module):
@@ -78,14 +34,22 @@ class HabituatingSOFM(nn.Module):
 
     Args:
         config: every threshold and choice; see `SOFMConfig`.
+        engine: `auto` runs compiled kernels where they can run, for float32 on the CPU, and eager
+            torch elsewhere; `eager` and `compiled` force one. Both learn the same.
+
+    Raises:
+        ValueError: no such engine. With `compiled`, the methods raise it where it cannot run.
     """
 
     scale: Tensor
     time: Tensor
 
-    def __init__(self, config: SOFMConfig) -> None:
+    def __init__(self, config: SOFMConfig, engine: Engine = "auto") -> None:
         super().__init__()
+        check_engine(engine)
         self.config = config
+        self.engine: Engine = engine
+        self._compiled: CompiledSOFM | None = None
         self.nodes = GrowableRows(
             {
                 "prototype": Column((config.dimensions,), torch.float32),
@@ -146,7 +110,58 @@ class HabituatingSOFM(nn.Module):
             ValueError: percepts of the wrong shape, dtype or device, empty, or not finite;
                 nothing has been learned then.
         """
-        return record([self.attend(percept) for percept in self.scaled(percepts)])
+        return self.learn(self.scaled(percepts)).observation
+
+    def step(self, percept: NDArray[np.float32] | Tensor) -> Step:
+        """`observe` for one percept of a control loop, in a few microseconds, without tensors.
+
+        In training mode it learns the percept, in eval mode it only reads the map.
+
+        Args:
+            percept: `[D]`, an array or tensor of the map's dtype; arrays are on the CPU.
+
+        Raises:
+            ValueError: a percept of the wrong shape, dtype or device, or not finite; nothing has
+                been learned then.
+        """
+        compiled = self.compiled()
+        if compiled is not None:
+            return compiled.step(percept, learns=self.training)
+        one = torch.from_numpy(percept) if isinstance(percept, np.ndarray) else percept
+        observation = self.observe(one[None] if isinstance(one, Tensor) else one)
+        return Step(*(field.item() for field in observation))
+
+    def look(self, percept: NDArray[np.float32] | Tensor) -> tuple[Step, NDArray[np.float32]]:
+        """`step` in eval mode, whichever mode it is in, and the scaled percept, `[D]`.
+
+        The scaled percept is valid until the next call.
+        """
+        compiled = self.compiled()
+        if compiled is not None:
+            return compiled.step(percept, learns=False), compiled.scaled
+        one = torch.from_numpy(percept) if isinstance(percept, np.ndarray) else percept
+        scaled = self.scaled(one[None] if isinstance(one, Tensor) else one)
+        reading = [field.item() for field in self.read(scaled)]
+        nothing = {"attended": False, "inserted": False, "ignored": True}
+        return Step(*reading, **nothing, dishabituated=False, deleted=0), scaled[0].numpy(
+            force=True
+        )
+
+    def compiled(self) -> CompiledSOFM | None:
+        """The compiled engine, or None where the eager one runs.
+
+        Raises:
+            ValueError: `engine="compiled"`, and it cannot run.
+        """
+        compiled = self._compiled
+        if compiled is not None and compiled.is_current(self.config):
+            return compiled
+        if not runs_compiled(self.engine, self.nodes.get_buffer("prototype")):
+            return None
+        from pacnet.compiled_sofm import CompiledSOFM
+
+        self._compiled = CompiledSOFM(self)
+        return self._compiled
 
     def scaled(self, percepts: Tensor) -> Tensor:
         """Checks percepts `[B, D]` and brings them to the map's own units.
@@ -155,17 +170,26 @@ class HabituatingSOFM(nn.Module):
             ValueError: percepts of the wrong shape, dtype or device, empty, not finite, or so
                 large when scaled that their distances would not be.
         """
-        scaled = check_rows("percepts", percepts, self.config.dimensions, self.scale) * self.scale
-        largest = float(scaled.detach().abs().max())
-        if largest > _LARGEST:
-            raise ValueError(f"expected scaled percepts within ±{_LARGEST:g}, got {largest:g}")
+        rows = check_form("percepts", percepts, self.config.dimensions, self.scale)
+        scaled = rows * self.scale
+        low, high = scaled.detach().aminmax()
+        if not -LARGEST_PERCEPT <= float(low) <= float(high) <= LARGEST_PERCEPT:  # NaN is not
+            check_rows("percepts", percepts, self.config.dimensions, self.scale)
+            wanted, largest = f"±{LARGEST_PERCEPT:g}", max(-float(low), float(high))
+            raise ValueError(f"expected scaled percepts within {wanted}, got {largest:g}")
         return scaled
 
-    def attend(self, percept: Tensor) -> Response:
-        """The three cases of the paper, for one checked and scaled percept `[D]`.
+    def learn(self, percepts: Tensor) -> Lesson:
+        """`observe` for percepts `[T, D]` that `scaled` has checked; called without gradient."""
+        compiled = self.compiled() if self.training else None
+        if compiled is not None:
+            return compiled.observe(percepts)
+        return record([self.attend(percept) for percept in percepts])
 
-        Called without gradient. A training loop calls `observe`; this is the step that it
-        repeats and that `PACNet` interleaves with the motor schemas.
+    def attend(self, percept: Tensor) -> Response:
+        """The three cases of the paper, for one checked and scaled percept `[D]`: one eager step.
+
+        It is the specification of what the compiled engine does. Called without gradient.
         """
         attention = self.read(percept[None])
         if not self.training:
@@ -215,20 +239,29 @@ class HabituatingSOFM(nn.Module):
 
         Searches without gradient, then takes the winning distance with it.
         """
+        compiled = self.compiled()
+        if compiled is not None and not (torch.is_grad_enabled() and percepts.requires_grad):
+            return compiled.read(percepts)
         count = len(percepts)
         nobody = torch.full((count,), NOBODY, device=percepts.device)
         if len(self) == 0:
             nothing = percepts.new_zeros(count)
             return Attention(nobody, nobody.clone(), nothing, nothing < 1)
-        prototypes = self.nodes.live("prototype")
-        chunk = max(1, _SEARCH_ELEMENTS // prototypes.numel())
-        with torch.no_grad():
-            pairs = [_two_nearest(part, prototypes) for part in percepts.split(chunk)]
-        winner, runner_up = (torch.cat(numbers) for numbers in zip(*pairs, strict=True))
-        distance = torch.linalg.vector_norm(percepts - prototypes[winner], dim=1)
+        searched = self._search(percepts) if compiled is None else compiled.read(percepts)
+        winner, runner_up = searched[:2]
+        distance = torch.linalg.vector_norm(percepts - self.nodes.live("prototype")[winner], dim=1)
         activation = torch.exp(-distance)
         novelty = activation < self.config.novelty_threshold
         return Attention(winner, runner_up if len(self) > 1 else nobody, activation, novelty)
+
+    @torch.no_grad()
+    def _search(self, percepts: Tensor) -> tuple[Tensor, Tensor]:
+        """Numbers of the nearest and the second nearest node, int64 `[B]` each."""
+        prototypes = self.nodes.live("prototype")
+        chunk = max(1, _SEARCH_ELEMENTS // prototypes.numel())
+        pairs = [_two_nearest(part, prototypes) for part in percepts.split(chunk)]
+        winner, runner_up = (torch.cat(numbers) for numbers in zip(*pairs, strict=True))
+        return winner, runner_up
 
     def _is_habituated(self, node: int) -> bool:
         return bool(self.nodes.live("habituation")[node] < self.config.habituated_below)
@@ -269,7 +302,7 @@ class HabituatingSOFM(nn.Module):
         self._join(node, winner)
         if runner_up != NOBODY:
             self._join(node, runner_up)
-            self.edges.delete(self._edge(winner, runner_up))
+            self.edges.swap_out(self._edge(winner, runner_up))
 
     def _add_node(self, prototype: Tensor) -> int:
         resting = self.config.resting_habituation
@@ -310,7 +343,7 @@ class HabituatingSOFM(nn.Module):
         if not bool(old.any()):
             return None
         candidates = ends[old].unique()  # sorted
-        self.edges.delete(old.nonzero().flatten())
+        self.edges.swap_out(old.nonzero().flatten())
         lonely = candidates[~torch.isin(candidates, self.edges.live("ends"))]
         if len(lonely) == 0:
             return None
@@ -327,20 +360,3 @@ def _two_nearest(percepts: Tensor, prototypes: Tensor) -> tuple[Tensor, Tensor]:
     nearest = distance.argmin(dim=1)  # of exactly equal ones the lowest number
     distance.scatter_(1, nearest[:, None], torch.inf)
     return nearest, distance.argmin(dim=1)
-
-
-def record(responses: list[Response]) -> Observation:
-    """Joins the responses to T percepts into one record."""
-    fields = zip(*(response.attention for response in responses), strict=True)
-    attention = Attention(*(torch.cat(field) for field in fields))
-    device = attention.winner.device
-    ignored = torch.tensor([r.ignored for r in responses], device=device)
-    deleted = [0 if r.deleted is None else len(r.deleted) for r in responses]
-    return Observation(
-        *attention,
-        attended=~ignored,
-        inserted=torch.tensor([r.inserted for r in responses], device=device),
-        ignored=ignored,
-        dishabituated=torch.tensor([r.dishabituated for r in responses], device=device),
-        deleted=torch.tensor(deleted, device=device),
-    )

@@ -8,6 +8,9 @@ from typing import Literal
 
 from pacnet.validation import check_fields, is_integer, is_number
 
+LARGEST_PERCEPT = 1e17
+"""Of a scaled percept, in any dimension: its squares still add up in float32."""
+
 
 @dataclass(frozen=True)
 class SOFMConfig:

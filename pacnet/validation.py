@@ -8,17 +8,11 @@ import torch
 from torch import Tensor
 
 
-def check_rows(name: str, value: object, columns: int, like: Tensor) -> Tensor:
-    """Checks a batch or sequence of rows and hands it back unchanged.
-
-    Args:
-        name: what the rows are, for the message.
-        value: what the caller gave; expected is a finite tensor `[rows ≥ 1, columns]`.
-        columns: the expected number of columns.
-        like: a tensor of the expected dtype and device.
+def check_form(name: str, value: object, columns: int, like: Tensor) -> Tensor:
+    """Checks all of a batch or sequence of rows but whether it is finite; arguments: `check_rows`.
 
     Raises:
-        ValueError: not a tensor, or of the wrong shape, dtype or device, or not finite.
+        ValueError: not a tensor, or of the wrong shape, dtype or device.
     """
     wanted = f"expected {name} as a {like.dtype} tensor of shape [rows, {columns}] on {like.device}"
     if not isinstance(value, Tensor):
@@ -31,6 +25,22 @@ def check_rows(name: str, value: object, columns: int, like: Tensor) -> Tensor:
         raise ValueError(f"{wanted}, got one on {value.device}")
     if len(value) == 0:
         raise ValueError(f"{wanted} with at least one row, got an empty one")
+    return value
+
+
+def check_rows(name: str, value: object, columns: int, like: Tensor) -> Tensor:
+    """Checks a batch or sequence of rows and hands it back unchanged.
+
+    Args:
+        name: what the rows are, for the message.
+        value: what the caller gave; expected is a finite tensor `[rows ≥ 1, columns]`.
+        columns: the expected number of columns.
+        like: a tensor of the expected dtype and device.
+
+    Raises:
+        ValueError: not a tensor, or of the wrong shape, dtype or device, or not finite.
+    """
+    value = check_form(name, value, columns, like)
     finite = torch.isfinite(value)
     if not bool(finite.all()):
         row = int((~finite).any(dim=1).nonzero()[0])

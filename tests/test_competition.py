@@ -6,8 +6,8 @@ from dataclasses import asdict
 import pytest
 import torch
 
+from pacnet.attention import NOBODY
 from pacnet.competition import Competition, CompetitionConfig
-from pacnet.sofm import NOBODY
 
 
 def competition(threshold: float = 0.0, margin: float = 0.0) -> Competition:

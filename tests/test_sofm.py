@@ -239,7 +239,7 @@ def test_deleting_a_node_renumbers_the_edges_of_later_ones():
     record = sofm.observe(percepts((0.1, 0)).expand(3, 2))
     assert record.deleted.sum() == 1
     assert sofm.prototypes[:, 1].abs().max() < 1  # the far node is gone
-    assert sofm.edges.live("ends").tolist() == [[0, 1], [1, 2]]
+    assert sorted(sofm.edges.live("ends").tolist()) == [[0, 1], [1, 2]]
 
 
 def test_every_node_keeps_an_edge_and_every_edge_two_nodes():
@@ -364,7 +364,7 @@ def test_several_nodes_that_go_at_once_move_the_later_ones_down_together():
     record = sofm.observe(percepts((0, 0)).expand(3, 2))  # 0 and 3 stay best and second best
     assert record.deleted.tolist() == [0, 0, 2]
     assert sofm.prototypes.tolist() == [[0, 0], [0, 2], [0, 4]]
-    assert sofm.edges.live("ends").tolist() == [[0, 1], [1, 2]]
+    assert sorted(sofm.edges.live("ends").tolist()) == [[0, 1], [1, 2]]
 
 
 def test_percepts_on_another_device_are_refused():

@@ -1,0 +1,338 @@
+"""The compiled engine against the eager one, which is its specification."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+
+from pacnet import NOBODY, HabituatingSOFM, Observation, SOFMConfig
+
+FAR = 2.0**6  # coordinates under it, of multiples of 1 / FAR, have distances exact in float32
+CLOSE = 1e-6  # distances that agree to this much may be told apart by rounding
+
+
+def both(config: SOFMConfig) -> tuple[HabituatingSOFM, HabituatingSOFM]:
+    return HabituatingSOFM(config, engine="eager"), HabituatingSOFM(config, engine="compiled")
+
+
+def state_of(sofm: HabituatingSOFM) -> dict[str, Tensor]:
+    return {name: tensor.clone() for name, tensor in sofm.state_dict().items()}
+
+
+def assert_same_state(one: HabituatingSOFM, other: HabituatingSOFM) -> None:
+    expected, got = state_of(one), state_of(other)
+    assert expected.keys() == got.keys()
+    for name, tensor in expected.items():
+        assert torch.equal(tensor, got[name]), name
+
+
+def assert_same_record(one: Observation, other: Observation) -> None:
+    for name, expected in one._asdict().items():
+        got = getattr(other, name)
+        assert expected.dtype == got.dtype
+        if name == "activation":  # of a distance summed in another order
+            torch.testing.assert_close(got, expected, rtol=2e-6, atol=0)
+        else:
+            assert torch.equal(expected, got), name
+
+
+def rounding_decides(sofm: HabituatingSOFM, percept: Tensor) -> bool:
+    """Whether the winner, the runner-up or novelty hang on how distances are rounded."""
+    if len(sofm) == 0:
+        return False
+    scaled = percept * sofm.scale
+    rows = torch.cat([sofm.nodes.live("prototype"), scaled[None]]).double()
+    exact = bool((rows * FAR == (rows * FAR).round()).all() and (rows.abs() < FAR).all())
+    if exact:
+        return False  # then so is each sum of squares, in whatever order
+    distance = torch.linalg.vector_norm(rows[:-1] - rows[-1], dim=1).sort().values
+    edge = -torch.tensor(sofm.config.novelty_threshold).double().log()
+    gaps = torch.cat([distance[:3].diff(), (distance[:1] - edge).abs()])
+    return bool((gaps <= CLOSE * (1 + distance[0])).any())
+
+
+def settings_of(draw: st.DrawFn, dimensions: int) -> dict[str, Any]:
+    """Each field by itself: the presets are two of many."""
+    options: dict[str, st.SearchStrategy[Any]] = {
+        "scale": st.none() | st.tuples(*[st.sampled_from([0.5, 1.0, 2.0])] * dimensions),
+        "novelty_threshold": st.sampled_from([0.01, 0.01, 0.1, 0.3, 0.9]),
+        "insert_only_when_habituated": st.booleans(),
+        "insert_at": st.sampled_from(["percept", "midpoint"]),
+        "ignore_when_habituated": st.booleans(),
+        "habituation_scales_learning": st.booleans(),
+        "winner_rate": st.sampled_from([0.1, 0.5, 1.0]),
+        "neighbour_rate": st.sampled_from([0.0, 0.01, 0.5, 1.0]),
+        "habituated_below": st.sampled_from([0.1, 0.1, 0.6]),
+        "winner_tau": st.sampled_from([1.5, 3.33]),
+        "neighbour_tau": st.sampled_from([4.0, 14.3]),
+        "forgetting_interval": st.sampled_from([2, 5, 50, None]),
+        "max_edge_age": st.sampled_from([1, 1, 2, 5]),
+    }
+    return {name: draw(option) for name, option in options.items()}
+
+
+@st.composite
+def lessons(draw: st.DrawFn) -> tuple[SOFMConfig, Tensor, list[int]]:
+    """A config, percepts on a coarse grid, where ties abound, and how many to learn at once."""
+    dimensions = draw(st.sampled_from([1, 2, 3, 8, 17]))
+    config = SOFMConfig(dimensions, **settings_of(draw, dimensions))
+    coordinate = st.integers(-2, 2).map(float)
+    place = st.lists(coordinate, min_size=dimensions, max_size=dimensions)
+    places = draw(st.lists(place, min_size=2, max_size=8))
+    stays = st.tuples(st.sampled_from(places), st.integers(1, 4))
+    order = draw(st.lists(stays, min_size=10, max_size=30))
+    percepts = torch.tensor([row for row, stay in order for _ in range(stay)])
+    return config, percepts, draw(st.lists(st.integers(0, 9), min_size=3, max_size=10))
+
+
+def learn_in_parts(sofm: HabituatingSOFM, percepts: Tensor, parts: list[int]) -> Observation:
+    """Stretches of different lengths, those of length 0 by one `step`."""
+    records, start, turn = [], 0, 0
+    while start < len(percepts):
+        length = parts[turn % len(parts)]
+        stretch = percepts[start : start + max(1, length)]
+        if length == 0:
+            fields = sofm.step(stretch[0].numpy())
+            records.append(Observation(*(torch.tensor([field]) for field in fields)))
+        else:
+            records.append(sofm.observe(stretch))
+        start, turn = start + len(stretch), turn + 1
+    return Observation(*map(torch.cat, zip(*records, strict=True)))
+
+
+def test_both_engines_learn_the_same_from_random_lessons():
+    happened = Counter()
+
+    @settings(max_examples=100, derandomize=True, deadline=None, database=None)
+    @given(lessons())
+    def check(lesson: tuple[SOFMConfig, Tensor, list[int]]) -> None:
+        config, percepts, parts = lesson
+        eager, compiled = both(config)
+        records = []
+        for percept in percepts:
+            if rounding_decides(eager, percept):
+                happened["given up"] += 1
+                break
+            distances = (eager.nodes.live("prototype") - percept * eager.scale).square().sum(1)
+            happened["ties"] += len(distances.unique()) < len(distances)
+            records.append(eager.observe(percept[None]))
+        if not records:
+            return
+        expected = Observation(*map(torch.cat, zip(*records, strict=True)))
+        got = learn_in_parts(compiled, percepts[: len(records)], parts)
+        assert_same_record(expected, got)
+        assert_same_state(eager, compiled)
+        for name in ("inserted", "ignored", "dishabituated", "deleted"):
+            happened[name] += int(getattr(expected, name).sum())
+        happened["lessons"] += 1
+
+    check()
+    for name in ("ties", "inserted", "ignored", "dishabituated", "deleted"):
+        assert happened[name] > 20, happened
+    assert happened["given up"] < happened["lessons"] / 2, happened
+
+
+@pytest.mark.parametrize("preset", ["paper", "gwr"])
+@pytest.mark.parametrize("dimensions", [2, 6, 28, 33])
+def test_both_engines_learn_the_same_from_noisy_data_but_for_rounding(preset: str, dimensions: int):
+    config = getattr(SOFMConfig, preset)(
+        dimensions,
+        scale=(0.7,) * dimensions,
+        novelty_threshold=0.6,
+        max_edge_age=2,
+        **({"forgetting_interval": 40} if preset == "paper" else {}),
+    )
+    compared, happened = 0, Counter()
+    for seed in range(2):
+        eager, compiled = both(config)
+        random = np.random.default_rng(1000 + seed)
+        way = np.cumsum(random.normal(size=(300, dimensions)) / dimensions**0.5, axis=0)
+        for percept in torch.from_numpy(np.sin(0.2 * way).astype(np.float32)):
+            if rounding_decides(eager, percept):
+                break
+            expected, got = eager.observe(percept[None]), compiled.observe(percept[None])
+            assert_same_record(expected, got)
+            compared += 1
+            happened.update(inserted=int(expected.inserted), deleted=int(expected.deleted))
+        assert_same_state(eager, compiled)
+    assert compared > 200
+    assert happened["inserted"] > 10
+    if dimensions < 28:
+        assert happened["deleted"] > 0
+
+
+@pytest.mark.parametrize("threshold", [1e-4, 0.3, 0.5, 0.9, 0.999, 0.9999999, 0.99999999])
+def test_novelty_begins_at_the_same_distance(threshold: float):
+    eager, compiled = both(SOFMConfig.paper(1, novelty_threshold=threshold))
+    start = torch.zeros(1, 1)
+    eager.observe(start), compiled.observe(start)
+    edge = np.float32(-np.log(threshold))
+    around = [edge]
+    for towards in (-np.inf, np.inf):
+        distance = edge
+        for _ in range(100):
+            distance = np.nextafter(distance, np.float32(towards))
+            around.append(distance)
+    steps = torch.logspace(-9, 1, 500)
+    percepts = torch.cat([torch.tensor(np.array(around)), steps])[:, None]
+    novelty = torch.cat([eager(percept[None]).novelty for percept in percepts])
+    assert torch.equal(compiled(percepts).novelty, novelty)
+    assert novelty.any()
+    assert not novelty.all()
+
+
+def walk(samples: int, dimensions: int, seed: int = 0) -> Tensor:
+    random = torch.Generator().manual_seed(seed)
+    return torch.randn(samples, dimensions, generator=random).cumsum(0).mul(0.3)
+
+
+def taught(engine: str = "compiled", **fields: object) -> HabituatingSOFM:
+    sofm = HabituatingSOFM(SOFMConfig.paper(3, **fields), engine=engine)
+    sofm.observe(walk(300, 3))
+    return sofm
+
+
+def test_a_step_is_an_observation_of_one():
+    one, other = taught(), taught()
+    for percept in walk(200, 3, seed=1):
+        record = one.observe(percept[None])
+        step = other.step(percept.numpy())
+        assert tuple(step) == tuple(field.item() for field in record)
+        assert all(type(field) in (int, float, bool) for field in step)
+    assert_same_state(one, other)
+
+
+def test_a_step_in_eval_mode_reads_and_changes_nothing():
+    sofm = taught().eval()
+    before = state_of(sofm)
+    for percept in walk(50, 3, seed=1):
+        step, reading = sofm.step(percept), sofm(percept[None])
+        assert step[:4] == tuple(field.item() for field in reading)
+        assert step.ignored
+        assert not step.attended
+    for name, tensor in sofm.state_dict().items():
+        assert torch.equal(tensor, before[name])
+
+
+def test_the_first_step_makes_the_first_node():
+    sofm = HabituatingSOFM(SOFMConfig.paper(2))
+    step = sofm.step(np.array([1, 2], np.float32))
+    assert step == (NOBODY, NOBODY, 0.0, True, True, True, False, False, 0)
+    assert sofm.prototypes.tolist() == [[1, 2]]
+
+
+def test_a_row_of_a_larger_or_protected_array_can_be_a_step():
+    sofm, plain = taught(), taught()
+    columns = np.asfortranarray(walk(20, 3, seed=2).numpy())
+    columns.flags.writeable = False
+    for row in columns:
+        assert sofm.step(row) == plain.step(row.copy())
+
+
+@pytest.mark.parametrize(
+    "percept",
+    [
+        np.zeros(2, np.float32), np.zeros((1, 3), np.float32), np.zeros(3),
+        [0.0, 0.0, 0.0], None, torch.zeros(3, dtype=torch.float64), torch.zeros(3, device="meta"),
+        np.array([0, np.nan, 0], np.float32), torch.tensor([0, 0, torch.inf]),
+        np.array([1e18, 0, 0], np.float32),
+    ],
+    ids=str,
+)  # fmt: skip
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_a_step_refuses_bad_percepts_before_anything_changes(engine: str, percept: object):
+    sofm = taught(engine)
+    before = state_of(sofm)
+    with pytest.raises(ValueError, match=r"^expected .*(percept|scaled).*, got "):
+        sofm.step(percept)  # pyright: ignore[reportArgumentType]
+    for name, tensor in sofm.state_dict().items():
+        assert torch.equal(tensor, before[name])
+
+
+def test_buffers_that_move_are_followed():
+    sofm, eager = taught(), taught("eager")
+    further = walk(60, 3, seed=3)
+    loaded = HabituatingSOFM(SOFMConfig.paper(3), engine="compiled")
+    loaded.observe(walk(5, 3, seed=9))
+    loaded.load_state_dict(sofm.state_dict())
+    copied, pickled = copy.deepcopy(sofm), pickle.loads(pickle.dumps(sofm))
+    eager.observe(further)
+    for other in (loaded, copied, pickled):
+        before = state_of(sofm)
+        other.observe(further[:30])
+        for percept in further[30:]:
+            other.step(percept)
+        assert_same_state(eager, other)
+        assert_same_state(sofm, taught())
+        assert state_of(sofm).keys() == before.keys()
+    shared = taught()
+    shared.share_memory()
+    shared.observe(further)
+    assert_same_state(eager, shared)
+    taken = taught()
+    taken.nodes.prototype = taken.nodes.prototype.clone()
+    taken.observe(further)
+    assert_same_state(eager, taken)
+
+
+def test_a_loaded_edge_that_is_too_old_goes_at_once():
+    for engine in ("eager", "compiled"):
+        sofm = HabituatingSOFM(SOFMConfig.paper(1, max_edge_age=50), engine=engine)
+        sofm.observe(torch.tensor([[0.0], [5.0], [10.0]]))
+        state = sofm.state_dict()
+        state["edges.age"][0] = 51  # of nodes 0 and 1, while node 2 wins
+        sofm.load_state_dict(state)
+        assert sofm.observe(torch.tensor([[10.1]])).deleted.tolist() == [1], engine
+        assert sofm.edges.live("ends").tolist() == [[0, 1]]
+
+
+def test_double_precision_runs_eagerly_and_cannot_be_forced():
+    auto = taught("auto").double()
+    assert auto.compiled() is None
+    auto.observe(walk(5, 3).double())
+    assert auto.float().compiled() is not None
+    forced = taught("compiled").double()
+    with pytest.raises(ValueError, match=r"float32 on the CPU for engine='compiled', got torch.fl"):
+        forced.observe(walk(5, 3).double())
+
+
+def test_engines_have_names():
+    with pytest.raises(ValueError, match="auto, eager, compiled, got 'fast'"):
+        HabituatingSOFM(SOFMConfig.paper(3), engine="fast")  # pyright: ignore[reportArgumentType]
+    assert taught("eager").compiled() is None
+
+
+def test_reading_in_threads_changes_nothing():
+    sofm, percepts = taught(novelty_threshold=0.97), walk(20_000, 3, seed=4)
+    assert len(sofm) > 60
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1)
+        alone = sofm(percepts)
+        torch.set_num_threads(2)
+        together = sofm(percepts)
+    finally:
+        torch.set_num_threads(threads)
+    assert all(map(torch.equal, alone, together))
+    eager = taught("eager", novelty_threshold=0.97)(percepts)
+    differ = (eager.winner != alone.winner) | (eager.runner_up != alone.runner_up)
+    assert all(rounding_decides(sofm, percept) for percept in percepts[differ])
+
+
+def test_a_gradient_reaches_the_percepts_through_the_compiled_search():
+    percepts = walk(10, 3, seed=5).requires_grad_()
+    gradients = [
+        torch.autograd.grad(taught(engine)(percepts).activation.sum(), percepts)[0]
+        for engine in ("eager", "compiled")
+    ]
+    torch.testing.assert_close(*gradients)
+    assert gradients[0].abs().sum() > 0
