@@ -8,9 +8,10 @@ from pacnet.belief import RecognitionConfig
 from pacnet.competing_schemas import CompetingSchemas
 from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.competition import Competition, CompetitionConfig
-from pacnet.forward_model import Command, ForwardModel, Selection
+from pacnet.ensemble import SOFMEnsemble
+from pacnet.forward_model import Command, ForwardModel, OneStateForwardModel, Selection
 from pacnet.mlp_forward_model import MLPForwardModel, MLPForwardModelConfig
-from pacnet.network import Action, PACNet, Recall
+from pacnet.network import Action, Decision, PACNet, Recall
 from pacnet.network_config import PACNetConfig
 from pacnet.pid import PIDConfig, PIDController
 from pacnet.recognition import Recognition
@@ -30,6 +31,7 @@ __all__ = [
     "CompetingSchemasConfig",
     "Competition",
     "CompetitionConfig",
+    "Decision",
     "ForwardModel",
     "HabituatingSOFM",
     "MLPForwardModel",
@@ -37,6 +39,7 @@ __all__ = [
     "MotorSchemas",
     "MotorSchemasConfig",
     "Observation",
+    "OneStateForwardModel",
     "PACNet",
     "PACNetConfig",
     "PIDConfig",
@@ -45,6 +48,7 @@ __all__ = [
     "Recognition",
     "RecognitionConfig",
     "SOFMConfig",
+    "SOFMEnsemble",
     "SchemaNetwork",
     "SchemaNetworkConfig",
     "Selection",

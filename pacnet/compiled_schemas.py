@@ -30,10 +30,10 @@ class CompiledSchemas:
         self._config = config = schemas.config
         # Where modules keep their buffers: to look one up as an attribute takes a microsecond.
         self._buffers = schemas.pool._buffers, schemas.blocks._buffers
-        sizes = schemas.pool.capacity, schemas.blocks.capacity
-        dimensions = config.target_dimensions, config.percept_dimensions
+        sizes = schemas.pool.capacity, config.target_dimensions, config.percept_dimensions
+        self._node, self._position = np.empty((2, 1), np.int64)
         self._memory = Memory()
-        self._memory.keep(self._tensors(), (*sizes, *dimensions))
+        self._memory.keep(self._tensors(), sizes)
 
     @property
     def is_current(self) -> bool:
@@ -44,10 +44,12 @@ class CompiledSchemas:
         self, node: int, percept: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], int] | None:
         """The target `[A]` for one scaled percept `[D]`, and its position; None without one."""
-        target = np.empty(self._config.target_dimensions, np.float32)
+        self._node[0] = node
+        target = np.empty((1, self._config.target_dimensions), np.float32)
         nearest_cues, table = self._config.nearest_cues, self._memory.table
-        position = kernels.recall_one(table, node, percept, nearest_cues, target)
-        return None if position < 0 else (target, position)
+        kernels.recall(table, self._node, percept[None], nearest_cues, target, self._position)
+        position = int(self._position[0])
+        return None if position < 0 else (target[0], position)
 
     def recall(self, nodes: Tensor, percepts: Tensor) -> tuple[Tensor, Tensor]:
         """Targets `[T, A]`, NaN where there is none, and positions `[T]`, −1 there.

@@ -245,6 +245,19 @@ def any_up_to(_typing, lanes, _number):
 
 
 @intrinsic
+def number_up_to(_typing, lanes, number):
+    """How many of them are a float32 or less."""
+
+    def generate(_context, builder, _signature, arguments):
+        values, number = arguments
+        smaller = builder.fcmp_ordered("<=", values, spread(builder, number, _vector(lanes)))
+        bits = builder.bitcast(smaller, ir.IntType(lanes.count))
+        return builder.zext(builder.ctpop(bits), ir.IntType(64))
+
+    return types.int64(lanes, types.float32), generate
+
+
+@intrinsic
 def any_equal(_typing, pointer, _at, count, _number):
     """Whether pointer[at : at + count], of int64, holds a number."""
     wide = ir.VectorType(ir.IntType(64), count.literal_value)

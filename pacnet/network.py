@@ -245,7 +245,6 @@ class PACNet(nn.Module):
             attention.novelty, position, schema,
         )  # fmt: skip
 
-    @torch.no_grad()
     def step(
         self,
         percept: NDArray[np.float32] | Tensor,
@@ -283,7 +282,8 @@ class PACNet(nn.Module):
         if hasattr(model, "command_one"):
             return model.command_one(state, target)
         one = torch.from_numpy(state) if isinstance(state, np.ndarray) else state
-        action, given = model.command(one[None], torch.from_numpy(target)[None].to(one))
+        with torch.no_grad():
+            action, given = model.command(one[None], torch.from_numpy(target)[None].to(one))
         return action[0].numpy(force=True) if bool(given) else None
 
     @torch.no_grad()

@@ -190,7 +190,6 @@ class MotorSchemas(Sequences):
         target, position = compiled.recall(nodes, percepts)
         return RecalledTargets(target, position, nodes.where(position != NOBODY, NOBODY))
 
-    @torch.no_grad()
     def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
         """`recall` for a scaled percept `[D]` that is no tensor."""
         compiled = self._compiled_recall()

@@ -1,18 +1,18 @@
 """Recall from motor schemas as machine code: what `MotorSchemas.recall` does by the nearest cues.
 
-`MotorSchemas` in torch is the specification. What a kernel calls stands in this same file: numba's
-cache would not notice a change elsewhere.
+`MotorSchemas` in torch is the specification.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, njit
-from numpy.typing import NDArray
+from numba import njit
 
+from pacnet.distances import ROOM, ROWS, in_whole_vectors, squared_distances
 from pacnet.engine import announce_compilation
+from pacnet.lanes import any_up_to, load, number_up_to, store
 from pacnet.pointers import floats, integers
 
 announce_compilation()
@@ -20,31 +20,30 @@ announce_compilation()
 _NOBODY = -1  # as in `pacnet.attention`; a literal here, so that it is compiled in
 
 
-class SchemaArrays(NamedTuple):
-    """The schemas' buffers, borrowed: the same memory. Capacities R of the pool, N of nodes."""
+class Buffers(NamedTuple):
+    """The schemas' buffers, borrowed: pointers. Capacities R of the pool, N of nodes."""
 
-    target: NDArray[np.float32]  # [R, A]
-    cue: NDArray[np.float32]  # [R, D]
-    start: NDArray[np.int64]  # [N]
-    length: NDArray[np.int64]  # [N]
+    target: Any  # float32 [R * A]
+    cue: Any  # float32 [R * D]
+    start: Any  # int64 [N]
+    length: Any  # int64 [N]
+    rows: int  # R
+    targets: int  # A
+    cues: int  # D
 
 
 @njit
-def _arrays_at(table):
-    """The buffers, where `pacnet.compiled_schemas` says that they lie."""
-    rows, nodes, targets, cues = table[4], table[5], table[6], table[7]
-    return SchemaArrays(
-        target=carray(floats(table[0]), (rows, targets)),
-        cue=carray(floats(table[1]), (rows, cues)),
-        start=carray(integers(table[2]), (nodes,)),
-        length=carray(integers(table[3]), (nodes,)),
+def _buffers_at(table):
+    """What lies where `pacnet.compiled_schemas` says."""
+    return Buffers(
+        target=floats(table[0]),
+        cue=floats(table[1]),
+        start=integers(table[2]),
+        length=integers(table[3]),
+        rows=table[4],
+        targets=table[5],
+        cues=table[6],
     )
-
-
-@njit(cache=True, nogil=True)
-def recall_one(table, node, percept, nearest_cues, target):
-    """Writes the target of one scaled percept `[D]` into `[A]`; returns its position, or −1."""
-    return _recall(_arrays_at(table), node, percept, nearest_cues, target)
 
 
 @njit(cache=True, nogil=True)
@@ -53,53 +52,95 @@ def recall(table, nodes, percepts, nearest_cues, targets, positions):
 
     Where the winner is nobody or has no targets, the target stays as it is and the position is −1.
     """
-    arrays = _arrays_at(table)
+    buffers = _buffers_at(table)
+    longest = 0
+    for node in nodes:
+        if node != _NOBODY:
+            longest = max(longest, buffers.length[node])
+    room = np.zeros(in_whole_vectors(buffers.cues), np.float32)
+    distances = np.empty((longest + ROWS - 1) // ROWS * ROWS, np.float32)
+    last_block = np.zeros(ROWS * buffers.cues + ROOM, np.float32)
     for sample in range(len(nodes)):
-        positions[sample] = _recall(
-            arrays, nodes[sample], percepts[sample], nearest_cues, targets[sample]
-        )
+        node, position = nodes[sample], _NOBODY
+        if node != _NOBODY and buffers.length[node] > 0:
+            for d in range(buffers.cues):
+                room[d] = percepts[sample, d]
+            _measure(buffers, node, room, distances, last_block)
+            position = _average(buffers, node, distances, nearest_cues, targets[sample])
+        positions[sample] = position
 
 
 @njit
-def _recall(arrays, node, percept, nearest_cues, target):
-    if node == _NOBODY or arrays.length[node] == 0:
-        return _NOBODY
-    start, length = arrays.start[node], arrays.length[node]
-    cues, targets = arrays.cue[start : start + length], arrays.target[start : start + length]
-    distance, nearest = np.empty(length, np.float32), 0
-    for place in range(length):
-        distance[place] = _squared_distance(percept, cues[place])
-        if distance[place] < distance[nearest]:
-            nearest = place
-    if nearest_cues == 1:
-        target[:] = targets[nearest]
-    else:
-        _average(targets, distance, min(nearest_cues, length), target)
+def _measure(buffers, node, room, distances, last_block):
+    """Squared distances of the percept from each cue of the node's sequence."""
+    percept, out = floats(room.ctypes.data), floats(distances.ctypes.data)
+    start, length, dimensions = buffers.start[node], buffers.length[node], buffers.cues
+    # A block may read beyond the sequence, and a vector beyond its last row, but not the pool.
+    within = (buffers.rows * dimensions - ROOM) // dimensions - ROWS
+    for place in range(0, length, ROWS):
+        rows, at = buffers.cue, (start + place) * dimensions
+        if start + place > within:
+            for k in range(min(ROWS, length - place) * dimensions):
+                last_block[k] = buffers.cue[at + k]
+            rows, at = floats(last_block.ctypes.data), 0
+        store(out, place, squared_distances(percept, rows, at, dimensions))
+    for place in range(length, (length + ROWS - 1) // ROWS * ROWS):
+        distances[place] = np.inf  # of nobody
+
+
+@njit
+def _average(buffers, node, distances, nearest_cues, target):
+    """Writes the mean of the nearest targets `[A]`; returns the position of the nearest cue."""
+    start, length = buffers.start[node], buffers.length[node]
+    number = min(nearest_cues, length)
+    limit, equal = _limit_of(distances, length, number)
+    values = floats(distances.ctypes.data)
+    total = np.zeros(buffers.targets, np.float64)
+    nearest = _NOBODY
+    for first in range(0, length, ROWS):
+        if not any_up_to(load(values, first, ROWS), limit):
+            continue
+        for place in range(first, min(first + ROWS, length)):
+            equal -= values[place] == limit  # of equal ones the first count
+            if values[place] < limit or (values[place] == limit and equal >= 0):
+                if nearest == _NOBODY or values[place] < values[nearest]:
+                    nearest = place
+                at = (start + place) * buffers.targets
+                for a in range(buffers.targets):
+                    total[a] += buffers.target[at + a]
+    for a in range(buffers.targets):
+        target[a] = total[a] / number
     return nearest
 
 
 @njit
-def _average(targets, distance, number, target):
-    """The mean of the nearest targets; of those equally near as the last, the first ones count."""
-    last = np.partition(distance, number - 1)[number - 1]
-    equal = number
-    for place in range(len(distance)):
-        equal -= distance[place] < last
-    total = np.zeros(targets.shape[1], np.float64)
-    for place in range(len(distance)):
-        if distance[place] < last or (distance[place] == last and equal > 0):
-            equal -= distance[place] == last
-            for a in range(len(total)):
-                total[a] += targets[place, a]
-    for a in range(len(total)):
-        target[a] = total[a] / number
+def _limit_of(distances, length, number):
+    """How far the nearest so many reach, and how many of those at the very limit are of them.
+
+    Bisection, for floats ≥ 0 are ordered as their bits: to count some twenty times, on vectors and
+    without a branch, is faster than to sort.
+    """
+    near, far = np.int64(0), np.int64(np.float32(np.inf).view(np.int32))
+    while near < far:
+        middle = (near + far) // 2
+        within = _count(distances, length, middle)
+        if within == number:
+            return _float(middle), number
+        if within > number:
+            far = middle
+        else:
+            near = middle + 1
+    return _float(far), number - _count(distances, length, far - 1)
 
 
-@njit(fastmath={"reassoc", "contract", "nsz"})
-def _squared_distance(percept, cue):
-    """Summed in any order, which is what lets it run on vectors."""
-    total = np.float32(0)
-    for d in range(len(percept)):
-        difference = percept[d] - cue[d]
-        total += difference * difference
-    return total
+@njit
+def _count(distances, length, bits):
+    values, limit, within = floats(distances.ctypes.data), _float(bits), 0
+    for first in range(0, length, ROWS):
+        within += number_up_to(load(values, first, ROWS), limit)
+    return within
+
+
+@njit
+def _float(bits):
+    return np.int32(bits).view(np.float32)

@@ -123,6 +123,7 @@ class Sequences(nn.Module):
                 target[sample], position[sample], schema[sample] = recalled
         return RecalledTargets(target, position, schema)
 
+    @torch.no_grad()
     def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
         """`recall` for a scaled percept `[D]` that is no tensor."""
         recalled = self.recall(node, torch.from_numpy(percept).to(self.pool.live("cue")))

@@ -140,8 +140,9 @@ class HabituatingSOFM(nn.Module):
         if compiled is not None:
             return compiled.step(percept, learns=False), compiled.scaled
         one = torch.from_numpy(percept) if isinstance(percept, np.ndarray) else percept
-        scaled = self.scaled(one[None] if isinstance(one, Tensor) else one)
-        reading = [field.item() for field in self.read(scaled)]
+        with torch.no_grad():
+            scaled = self.scaled(one[None] if isinstance(one, Tensor) else one)
+            reading = [field.item() for field in self.read(scaled)]
         nothing = {"attended": False, "inserted": False, "ignored": True}
         return Step(*reading, **nothing, dishabituated=False, deleted=0), scaled[0].numpy(
             force=True

@@ -1,8 +1,7 @@
 """The growing map's pass over a sequence as machine code: what `HabituatingSOFM` does, in one call.
 
 The eager methods of `HabituatingSOFM` are the specification; these kernels follow them line by line
-on the same buffers, and round as they do, so that exact data give the same bytes. What a kernel
-calls stands in this same file: numba's cache would not notice a change elsewhere.
+on the same buffers, and round as they do, so that exact data give the same bytes.
 """
 
 from __future__ import annotations
@@ -15,19 +14,9 @@ import torch
 from numba import njit
 from numpy.typing import NDArray
 
+from pacnet.distances import ROOM, ROWS, in_whole_vectors, squared_distance, squared_distances
 from pacnet.engine import announce_compilation
-from pacnet.lanes import (
-    add_product,
-    any_equal,
-    any_up_to,
-    difference,
-    first_ones,
-    load,
-    store,
-    sums,
-    total,
-    zeros,
-)
+from pacnet.lanes import any_equal, any_up_to, store
 from pacnet.pointers import floats, integers
 from pacnet.sofm_config import SOFMConfig
 
@@ -38,8 +27,6 @@ NOVEL, INSERTED, IGNORED, DISHABITUATED, HABITUATED = 1, 2, 4, 8, 16
 
 DONE, INVALID, NO_ROOM = 0, 1, 2  # how a step ended
 NOBODY = -1  # as in `pacnet.sofm`; a literal here, so that it is compiled in
-_ROWS = 8  # prototypes searched side by side
-_FEW, _MANY = 8, 16  # dimensions of each that are, by whether there are more than a few
 _BLOCK, _ENDS = 8, 16  # edges, and their ends, compared at once while looking for a node's
 _FLOAT, _INTEGER, _SWITCH = np.float32, np.int64, np.bool_
 
@@ -79,8 +66,8 @@ class Buffers(NamedTuple):
     node_count: Any  # int64 [1]
     edge_count: Any  # int64 [1]
     percept: Any  # float32 [D in whole vectors], the scaled one that is learned or read
-    distances: Any  # float32 [_ROWS], of a block of nodes
-    last_block: Any  # float32 [_ROWS * D, and a vector]
+    distances: Any  # float32 [ROWS], of a block of nodes
+    last_block: Any  # float32 [ROWS * D, and a vector]
     nodes: int  # C
     edges: int  # E
     dimensions: int  # D
@@ -143,20 +130,15 @@ def _is_under(bits: int, threshold: float) -> bool:
 
 def scratch(dimensions: int) -> NDArray[np.float32]:
     """Room for a scaled percept, for the distances of a block of nodes, and for such a block."""
-    whole = _in_whole_vectors.py_func(dimensions)
-    return np.zeros(whole + _ROWS + _ROWS * dimensions + _MANY, np.float32)
-
-
-@njit
-def _in_whole_vectors(dimensions):
-    return (dimensions + _MANY - 1) // _MANY * _MANY
+    whole = in_whole_vectors.py_func(dimensions)
+    return np.zeros(whole + ROWS + ROWS * dimensions + ROOM, np.float32)
 
 
 @njit
 def _buffers_at(table, scratch):
     """What lies where `pacnet.compiled_sofm` says, and a scratch at this address."""
     dimensions = table[10]
-    distances = scratch + 4 * _in_whole_vectors(dimensions)
+    distances = scratch + 4 * in_whole_vectors(dimensions)
     return Buffers(
         prototype=floats(table[0]),
         habituation=floats(table[1]),
@@ -168,7 +150,7 @@ def _buffers_at(table, scratch):
         edge_count=integers(table[7]),
         percept=floats(scratch),
         distances=floats(distances),
-        last_block=floats(distances + 4 * _ROWS),
+        last_block=floats(distances + 4 * ROWS),
         nodes=table[8],
         edges=table[9],
         dimensions=dimensions,
@@ -271,24 +253,24 @@ def _two_nearest(buffers, one, other):
     nodes, dimensions = buffers.node_count[0], buffers.dimensions
     limit = second
     # A block may read beyond the nodes, and a vector beyond its last row, but not the buffer.
-    within = (buffers.nodes * dimensions - _MANY) // dimensions // _ROWS * _ROWS
+    within = (buffers.nodes * dimensions - ROOM) // dimensions // ROWS * ROWS
     if NOBODY < one < min(nodes, within) and NOBODY < other < min(nodes, within) and one != other:
-        limit = max(_squared_distance(buffers, one), _squared_distance(buffers, other))
+        limit = max(
+            squared_distance(buffers.percept, buffers.prototype, one * dimensions, dimensions),
+            squared_distance(buffers.percept, buffers.prototype, other * dimensions, dimensions),
+        )
         limit *= np.float32(1 + 1e-5)  # both are summed in another order than the blocks
-    for node in range(0, nodes, _ROWS):
+    for node in range(0, nodes, ROWS):
         rows, at = buffers.prototype, node * dimensions
         if node >= within:
-            for place in range(min(_ROWS, nodes - node) * dimensions):
+            for place in range(min(ROWS, nodes - node) * dimensions):
                 buffers.last_block[place] = buffers.prototype[at + place]
             rows, at = buffers.last_block, 0
-        if dimensions > _FEW:
-            block = _squared_distances_of_many(buffers, rows, at)
-        else:
-            block = _squared_distances_of_few(buffers, rows, at)
+        block = squared_distances(buffers.percept, rows, at, dimensions)
         if not any_up_to(block, limit):
             continue
         store(buffers.distances, 0, block)
-        for place in range(min(_ROWS, nodes - node)):  # no branch in it, for none can be foreseen
+        for place in range(min(ROWS, nodes - node)):  # no branch in it, for none can be foreseen
             distance, number = buffers.distances[place], node + place
             is_nearest, is_second = distance < nearest, distance < second
             runner_up = winner if is_nearest else (number if is_second else runner_up)
@@ -297,76 +279,6 @@ def _two_nearest(buffers, one, other):
             nearest = distance if is_nearest else nearest
         limit = min(limit, second)
     return winner, runner_up, nearest
-
-
-def _make_squared_distances(lanes):
-    """Functions of the percept's squared distance from eight prototypes, side by side, and from one.
-
-    Args:
-        lanes: dimensions taken at once.
-    """
-
-    @njit(forceinline=True)
-    def squared_distances(buffers, rows, at):
-        percept, length = buffers.percept, buffers.dimensions
-        a, b, c, d = zeros(lanes), zeros(lanes), zeros(lanes), zeros(lanes)
-        e, f, g, h = zeros(lanes), zeros(lanes), zeros(lanes), zeros(lanes)
-        whole = length // lanes * lanes
-        for k in range(0, whole, lanes):
-            x, here = load(percept, k, lanes), at + k
-            a = add_square(a, rows, here, x)
-            b = add_square(b, rows, here + length, x)
-            c = add_square(c, rows, here + 2 * length, x)
-            d = add_square(d, rows, here + 3 * length, x)
-            e = add_square(e, rows, here + 4 * length, x)
-            f = add_square(f, rows, here + 5 * length, x)
-            g = add_square(g, rows, here + 6 * length, x)
-            h = add_square(h, rows, here + 7 * length, x)
-        if whole < length:
-            x, here, rest = load(percept, whole, lanes), at + whole, length - whole
-            a = add_last_square(a, rows, here, x, rest)
-            b = add_last_square(b, rows, here + length, x, rest)
-            c = add_last_square(c, rows, here + 2 * length, x, rest)
-            d = add_last_square(d, rows, here + 3 * length, x, rest)
-            e = add_last_square(e, rows, here + 4 * length, x, rest)
-            f = add_last_square(f, rows, here + 5 * length, x, rest)
-            g = add_last_square(g, rows, here + 6 * length, x, rest)
-            h = add_last_square(h, rows, here + 7 * length, x, rest)
-        return sums(a, b, c, d, e, f, g, h)
-
-    @njit(forceinline=True)
-    def squared_distance(buffers, node):
-        percept, rows, length = buffers.percept, buffers.prototype, buffers.dimensions
-        at, squares, whole = node * length, zeros(lanes), length // lanes * lanes
-        for k in range(0, whole, lanes):
-            squares = add_square(squares, rows, at + k, load(percept, k, lanes))
-        if whole < length:
-            x, rest = load(percept, whole, lanes), length - whole
-            squares = add_last_square(squares, rows, at + whole, x, rest)
-        return total(squares)
-
-    @njit(forceinline=True)
-    def add_square(squares, rows, at, x):
-        apart = difference(load(rows, at, lanes), x)
-        return add_product(squares, apart, apart)
-
-    @njit(forceinline=True)
-    def add_last_square(squares, rows, at, x, rest):
-        apart = first_ones(difference(load(rows, at, lanes), x), rest)
-        return add_product(squares, apart, apart)
-
-    return squared_distances, squared_distance
-
-
-_squared_distances_of_few, _squared_distance_of_few = _make_squared_distances(_FEW)
-_squared_distances_of_many, _squared_distance_of_many = _make_squared_distances(_MANY)
-
-
-@njit
-def _squared_distance(buffers, node):
-    if buffers.dimensions > _FEW:
-        return _squared_distance_of_many(buffers, node)
-    return _squared_distance_of_few(buffers, node)
 
 
 @njit
