@@ -55,6 +55,7 @@ class SOFMEnsemble(nn.Module):
         streams = self._streams(percepts)
         return [sofm.read(stream) for sofm, stream in zip(self._members, streams, strict=True)]
 
+    @torch.no_grad()
     def observe(self, percepts: Tensor | Sequence[Tensor]) -> list[Observation]:
         """Every map learns its stream; see `HabituatingSOFM.observe`.
 

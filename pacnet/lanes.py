@@ -169,6 +169,38 @@ def exponential(builder, x):
 
 
 @intrinsic
+def filled(_typing, _number, count):
+    """A float32 in all of `count` lanes."""
+    lanes = Lanes(count.literal_value)
+
+    def generate(_context, builder, _signature, arguments):
+        return spread(builder, arguments[0], _vector(lanes))
+
+    return lanes(types.float32, count), generate
+
+
+@intrinsic
+def added(_typing, one, other):
+    """The sum of two."""
+
+    def generate(_context, builder, _signature, arguments):
+        return builder.fadd(*arguments)
+
+    return one(one, other), generate
+
+
+@intrinsic
+def where_less(_typing, one, other, yes, no):
+    """Of `yes` the lanes in which one < other, of `no` the others."""
+
+    def generate(_context, builder, _signature, arguments):
+        one, other, yes, no = arguments
+        return builder.select(builder.fcmp_ordered("<", one, other), yes, no)
+
+    return yes(one, other, yes, no), generate
+
+
+@intrinsic
 def first_ones(_typing, lanes, _number):
     """The first lanes, so many; zeros in the others."""
 
@@ -245,7 +277,7 @@ def any_up_to(_typing, lanes, _number):
 
 
 @intrinsic
-def number_up_to(_typing, lanes, number):
+def number_up_to(_typing, lanes, _number):
     """How many of them are a float32 or less."""
 
     def generate(_context, builder, _signature, arguments):

@@ -14,6 +14,7 @@ import torch
 from numba import njit
 from numpy.typing import NDArray
 
+from pacnet.batch_kernels import MOST_ROWS, TOGETHER, two_nearest_of_each
 from pacnet.distances import ROOM, ROWS, in_whole_vectors, squared_distance, squared_distances
 from pacnet.engine import announce_compilation
 from pacnet.lanes import any_equal, any_up_to, store
@@ -53,8 +54,9 @@ RULES = np.dtype(
 
 
 class Buffers(NamedTuple):
-    """The map's buffers, borrowed: pointers, which numba neither counts nor checks as it does
-    arrays. Their sizes: capacities C of nodes and E of edges, D dimensions.
+    """The map's buffers, borrowed: capacities C of nodes and E of edges, D dimensions.
+
+    Pointers, which numba neither counts nor checks as it does arrays.
     """
 
     prototype: Any  # float32 [C * D]
@@ -228,8 +230,11 @@ def step(table, scratch, rules, largest, learns):
 def read(percepts, table, scratch, rules, winner, runner_up, activation, novelty):
     """Reads scaled percepts `[B, D]` into four arrays `[B]`; each thread has its own scratch."""
     buffers, rule = _buffers_at(table, scratch), rules[0]
-    best, second = NOBODY, NOBODY
-    for sample in range(percepts.shape[0]):
+    together, best, second = 0, NOBODY, NOBODY
+    if buffers.node_count[0] <= MOST_ROWS:
+        together = len(percepts) // TOGETHER * TOGETHER
+        _read_together(buffers, rule, percepts[:together], winner, runner_up, activation, novelty)
+    for sample in range(together, len(percepts)):
         for d in range(buffers.dimensions):
             buffers.percept[d] = percepts[sample, d]
         best, second, squared = _two_nearest(buffers, best, second)
@@ -237,6 +242,28 @@ def read(percepts, table, scratch, rules, winner, runner_up, activation, novelty
         winner[sample], runner_up[sample] = best, second
         activation[sample] = _activation(best, distance)
         novelty[sample] = _is_novel(best, distance, rule)
+
+
+@njit
+def _read_together(buffers, rule, percepts, winner, runner_up, activation, novelty):
+    """The same, to the same bits, for percepts that are a multiple of `TOGETHER`."""
+    dimensions, nodes = buffers.dimensions, buffers.node_count[0]
+    laid = np.zeros((in_whole_vectors(dimensions), TOGETHER), np.float32)
+    found = np.empty((3, TOGETHER), np.float32)
+    pointers = floats(laid.ctypes.data), floats(found.ctypes.data)
+    for first in range(0, len(percepts), TOGETHER):
+        for d in range(dimensions):
+            for lane in range(TOGETHER):
+                laid[d, lane] = percepts[first + lane, d]
+        two_nearest_of_each(
+            pointers[0], buffers.prototype, nodes, dimensions, buffers.percept, pointers[1]
+        )
+        for lane in range(TOGETHER):
+            sample, distance = first + lane, np.sqrt(found[2, lane])
+            best = np.int64(found[0, lane])
+            winner[sample], runner_up[sample] = best, np.int64(found[1, lane])
+            activation[sample] = _activation(best, distance)
+            novelty[sample] = _is_novel(best, distance, rule)
 
 
 @njit

@@ -328,6 +328,28 @@ def test_reading_in_threads_changes_nothing():
     assert all(rounding_decides(sofm, percept) for percept in percepts[differ])
 
 
+@pytest.mark.parametrize("dimensions", [1, 6, 8, 9, 28, 40])
+def test_percepts_read_together_are_read_as_each_alone(dimensions: int):
+    sofm = HabituatingSOFM(SOFMConfig.paper(dimensions, novelty_threshold=0.9))
+    sofm.observe(walk(300, dimensions, seed=6))
+    sofm.eval()
+    percepts = torch.cat([walk(45, dimensions, seed=7), sofm.prototypes])
+    together = sofm(percepts)
+    for number, percept in enumerate(percepts):
+        assert [field[number].item() for field in together] == list(sofm.step(percept)[:4])
+
+
+def test_of_equally_near_nodes_the_first_win_however_many_percepts_are_read():
+    sofm = HabituatingSOFM(SOFMConfig.paper(2, novelty_threshold=0.9))
+    corners = torch.tensor([[x, y] for x in (0.0, 2.0, 4.0) for y in (0.0, 2.0, 4.0)])
+    sofm.observe(corners)
+    middles = torch.tensor([[1.0, 1.0], [3.0, 1.0], [1.0, 3.0], [3.0, 3.0]])
+    expected = [[0, 1], [3, 4], [1, 2], [4, 5]]
+    for percepts, pairs in ((middles, expected), (middles.repeat(8, 1), expected * 8)):
+        reading = sofm(percepts)
+        assert torch.stack(reading[:2], dim=1).tolist() == pairs
+
+
 def test_a_gradient_reaches_the_percepts_through_the_compiled_search():
     percepts = walk(10, 3, seed=5).requires_grad_()
     gradients = [
