@@ -5,7 +5,7 @@ Imported only where it runs, for it brings numba.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -29,7 +29,7 @@ class CompiledSchemas:
     def __init__(self, schemas: MotorSchemas) -> None:
         self._config = config = schemas.config
         # Where modules keep their buffers: to look one up as an attribute takes a microsecond.
-        self._buffers = schemas.pool._buffers, schemas.blocks._buffers
+        self._buffers: Any = schemas.pool._buffers, schemas.blocks._buffers
         sizes = schemas.pool.capacity, config.target_dimensions, config.percept_dimensions
         self._node, self._position = np.empty((2, 1), np.int64)
         self._memory = Memory()

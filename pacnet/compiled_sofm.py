@@ -5,7 +5,7 @@ Imported only where it runs, for it brings numba.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -42,7 +42,7 @@ class CompiledSOFM:
         self._address = self._scratch.ctypes.data
         self.scaled = self._scratch[: config.dimensions]
         # Where modules keep their buffers: to look one up as an attribute takes a microsecond.
-        self._buffers = sofm.nodes._buffers, sofm.edges._buffers, sofm._buffers
+        self._buffers: Any = sofm.nodes._buffers, sofm.edges._buffers, sofm._buffers
         self._memory = Memory()
         self._find()
 

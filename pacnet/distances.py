@@ -40,7 +40,7 @@ def squared_distance(percept, rows, at, dimensions):
     return _from_one_of_few(percept, rows, at, dimensions)
 
 
-def _make(lanes):
+def _make(lanes):  # noqa: C901 - four functions, each of them simple
     """The two functions for so many dimensions at once.
 
     Args:

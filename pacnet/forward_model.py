@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 
@@ -65,4 +67,26 @@ class ForwardModel(Protocol):
 
     def reset(self) -> None:
         """Starts an episode: what was remembered of the last one is forgotten."""
+        ...
+
+
+@runtime_checkable
+class OneStateForwardModel(ForwardModel, Protocol):
+    """A forward model that also answers in one state at a time without tensors, for control loops.
+
+    Example:
+        >>> from pacnet import MLPForwardModel, MLPForwardModelConfig
+        >>> model = MLPForwardModel(MLPForwardModelConfig(1, 1, candidates=((0.0,), (1.0,))))
+        >>> isinstance(model, OneStateForwardModel)
+        True
+    """
+
+    def command_one(
+        self, state: NDArray[np.float32], target: NDArray[np.float32]
+    ) -> NDArray[np.float32] | None:
+        """What `command` would do for a state `[S]` and target `[A]`: `[U]`, or None for nothing.
+
+        Raises:
+            ValueError: a row that it cannot use.
+        """
         ...

@@ -11,8 +11,11 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.candidates import (
@@ -22,6 +25,7 @@ from pacnet.candidates import (
     command,
     select,
 )
+from pacnet.engine import check_row
 from pacnet.fitting import (
     FitReport,
     Progress,
@@ -35,6 +39,9 @@ from pacnet.forward_model import Command, Selection
 from pacnet.interrupts import interrupts_held_back
 from pacnet.model_checkpoint import load_tensors, read_model, rebuild_config, save_model
 from pacnet.validation import check_fields, check_rows, is_integer
+
+if TYPE_CHECKING:
+    from pacnet.compiled_mlp import CompiledMLP
 
 _NORMALISERS = (
     "state_mean", "state_std", "action_mean", "action_std", "change_mean", "change_std",
@@ -123,6 +130,7 @@ class MLPForwardModel(nn.Module):
         for name, bound in zip(_RANGE, (-_UNBOUNDED, _UNBOUNDED), strict=True):
             start = torch.full((config.state_dimensions,), bound, dtype=torch.float64)
             self.register_buffer(name, start)
+        self._compiled: CompiledMLP | None = None
 
     @property
     def action_dimensions(self) -> int:
@@ -197,6 +205,33 @@ class MLPForwardModel(nn.Module):
                 unequal numbers of rows.
         """
         return command(self, states, targets)
+
+    def command_one(
+        self, state: NDArray[np.float32] | Tensor, target: NDArray[np.float32] | Tensor
+    ) -> NDArray[np.float32] | None:
+        """`command` for one state of a control loop, in microseconds, without tensors.
+
+        Compiled, where the model is in float32 on the CPU; it may choose otherwise than `command`
+        only where two costs, or spread and threshold, agree to float32 rounding.
+
+        Args:
+            state: `[S]`, float32, an array, or a tensor on the CPU.
+            target: `[S]`, as the state.
+
+        Returns:
+            The action, `[U]`, or None where it abstains.
+
+        Raises:
+            ValueError: a row of the wrong shape, dtype or device, or not finite.
+        """
+        columns = self.config.state_dimensions
+        state = check_row("state", state, columns)
+        target = check_row("target", target, columns)
+        if self._compiled is None:
+            from pacnet.compiled_mlp import CompiledMLP
+
+            self._compiled = CompiledMLP()
+        return self._compiled.command_one(self, state, target)
 
     def reset(self) -> None:
         """Does nothing: no episode leaves a trace."""

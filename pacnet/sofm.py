@@ -129,7 +129,7 @@ class HabituatingSOFM(nn.Module):
             return compiled.step(percept, learns=self.training)
         one = torch.from_numpy(percept) if isinstance(percept, np.ndarray) else percept
         observation = self.observe(one[None] if isinstance(one, Tensor) else one)
-        return Step(*(field.item() for field in observation))
+        return Step._make(field.item() for field in observation)
 
     def look(self, percept: NDArray[np.float32] | Tensor) -> tuple[Step, NDArray[np.float32]]:
         """`step` in eval mode, whichever mode it is in, and the scaled percept, `[D]`.
@@ -143,10 +143,8 @@ class HabituatingSOFM(nn.Module):
         with torch.no_grad():
             scaled = self.scaled(one[None] if isinstance(one, Tensor) else one)
             reading = [field.item() for field in self.read(scaled)]
-        nothing = {"attended": False, "inserted": False, "ignored": True}
-        return Step(*reading, **nothing, dishabituated=False, deleted=0), scaled[0].numpy(
-            force=True
-        )
+        step = Step._make((*reading, False, False, True, False, 0))  # it ignores what it reads
+        return step, scaled[0].numpy(force=True)
 
     def compiled(self) -> CompiledSOFM | None:
         """The compiled engine, or None where the eager one runs.

@@ -1,0 +1,112 @@
+"""The nearest and second nearest of many percepts at once, beside faiss.
+
+Run it alone with `python -m benchmarks.batch`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from benchmarks.harness import NOTHING, Table, factor, number, race, run_alone
+from benchmarks.nodes import DIMENSIONS, full_map
+
+QUERIES, NODES, CHUNK = 100_000, 1_000, 4_096
+PACNET, NUMPY, TORCH, FAISS = "pacnet `forward`", "numpy", "torch", "faiss"
+DOES = {
+    PACNET: "winner, runner-up, activation and novelty",
+    FAISS: "`IndexFlatL2.search`, k = 2",
+    NUMPY: "matrix product and two `argmin`, in chunks",
+    TORCH: "`cdist` and `topk`, in chunks",
+}
+
+TEXT = f"""{QUERIES:,} percepts of {DIMENSIONS} dimensions against {NODES:,} nodes; uniformly
+random, all float32. Threads are set by `torch.set_num_threads` for pacnet and torch and by
+`faiss.omp_set_num_threads` for faiss; numpy's matrix product keeps the one thread that
+`OMP_NUM_THREADS=1` gave it.
+"""
+
+
+def numpy_two_nearest(queries: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """|w|² − 2xw orders nodes as the distance does; two rounds of `argmin`."""
+    half = (nodes**2).sum(axis=1) / 2
+    found = []
+    for start in range(0, len(queries), CHUNK):
+        nearness = half - queries[start : start + CHUNK] @ nodes.T
+        winner = nearness.argmin(axis=1)
+        nearness[np.arange(len(winner)), winner] = np.inf
+        found.append((winner, nearness.argmin(axis=1)))
+    winners, runners_up = zip(*found, strict=True)
+    return np.concatenate(winners), np.concatenate(runners_up)
+
+
+def torch_two_nearest(queries: torch.Tensor, nodes: torch.Tensor) -> torch.Tensor:
+    """Both numbers, `[B, 2]`."""
+    parts = [torch.cdist(part, nodes).topk(2, largest=False)[1] for part in queries.split(CHUNK)]
+    return torch.cat(parts)
+
+
+def searches() -> dict[str, Callable[[], object]]:
+    """Who searches; without faiss where it is not installed."""
+    som = full_map(NODES)
+    queries = torch.rand(QUERIES, DIMENSIONS, generator=torch.Generator().manual_seed(1))
+    nodes = som.prototypes
+    found: dict[str, Callable[[], object]] = {
+        PACNET: lambda: som(queries),
+        NUMPY: lambda: numpy_two_nearest(queries.numpy(), nodes.numpy()),
+        TORCH: lambda: torch_two_nearest(queries, nodes),
+    }
+    if importlib.util.find_spec("faiss"):
+        import faiss
+
+        index = faiss.IndexFlatL2(DIMENSIONS)
+        index.add(nodes.numpy())
+        found[FAISS] = lambda: index.search(queries.numpy(), 2)
+    return found
+
+
+def _use_threads(threads: int) -> None:
+    torch.set_num_threads(threads)
+    if importlib.util.find_spec("faiss"):
+        import faiss
+
+        faiss.omp_set_num_threads(threads)
+
+
+def measure_threads(threads: int) -> Table:
+    """The table for one number of threads."""
+    _use_threads(threads)
+    found = searches()
+    for search in found.values():
+        search()
+    times = race({name: lambda search=search: search for name, search in found.items()}, budget=4)
+    rows = [_row(name, times) for name in DOES]
+    title = f"A batch of {QUERIES:,} percepts, {threads} thread{'s' * (threads > 1)}"
+    return Table(title, TEXT, ("who", "µs a query", "of faiss", "wanted"), rows)
+
+
+def _row(name: str, times: dict[str, float]) -> tuple[str, ...]:
+    who = f"{name}: {DOES[name]}"
+    if name not in times:
+        return who, "not installed", NOTHING, NOTHING
+    of_faiss = factor(times[name] / times[FAISS]) if FAISS in times else NOTHING
+    wanted = "≤ 1 ×" if name == PACNET else NOTHING
+    return who, number(times[name] / QUERIES * 1e6), of_faiss, wanted
+
+
+def measure() -> list[Table]:
+    """With one thread, and with all."""
+    return [measure_threads(threads) for threads in sorted({1, os.cpu_count() or 1})]
+
+
+def main() -> None:
+    """Measures and prints."""
+    run_alone(__doc__, measure)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""The page docs/performance.md: the tables of every module, and what they were measured on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
+
+INTRO = """# Performance
+
+How fast pacnet learns and recalls, beside a C loop that does the same, and beside what else Python
+offers. `python -m benchmarks` measures everything and writes this page; `python -m benchmarks.NAME`
+measures one part of it. The peers come with `pip install -e '.[benchmarks]'`.
+
+Those who are compared run in one process and take turns, so that a busy machine slows all of them
+alike; a time is the median of the runs. The ratios should hold elsewhere, the times belong to the
+machine at the end of the page. «Wanted» is what was set as the goal before it was measured.
+"""
+
+MACHINE = "## Machine and versions"
+_PART = re.compile(r"<!-- (\w+) -->\n(.*?)\n<!-- end of \1 -->", re.DOTALL)
+
+
+def compose(parts: Mapping[str, str], machine: str) -> str:
+    """The page.
+
+    Args:
+        parts: Markdown of each module's tables, by the module's name.
+        machine: a Markdown list.
+    """
+    drawn = [f"<!-- {name} -->\n{part}\n<!-- end of {name} -->" for name, part in parts.items()]
+    return "\n\n".join([INTRO.rstrip(), *drawn, f"{MACHINE}\n\n{machine}"]) + "\n"
+
+
+def parts_of(page: str, machine: str) -> dict[str, str]:
+    """The parts of an earlier page; none if it was measured on another machine or versions."""
+    if not page.endswith(f"{MACHINE}\n\n{machine}\n"):
+        return {}
+    return dict(_PART.findall(page))
+
+
+def update(measured: Mapping[str, str], order: tuple[str, ...], machine: str) -> None:
+    """Writes what was measured into the page; other parts stay if they still belong to it."""
+    earlier = parts_of(PAGE.read_text("utf-8"), machine) if PAGE.exists() else {}
+    parts = earlier | dict(measured)
+    PAGE.write_text(compose({n: parts[n] for n in order if n in parts}, machine), "utf-8")

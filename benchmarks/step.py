@@ -1,0 +1,109 @@
+"""One step of a control loop, attention alone and the whole recall: `python -m benchmarks.step`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from benchmarks.harness import NOTHING, Table, factor, latencies, number, run_alone
+from benchmarks.streams import demonstrations
+from pacnet import HabituatingSOFM, MLPForwardModel, PACNet, SOFMConfig
+from pacnet.engine import Engine
+
+CHECKPOINTS = Path(__file__).parents[1] / "checkpoints"
+STEPS, EAGER_STEPS = 20_000, 1_000
+NODES, DIMENSIONS = 30, 28
+THRESHOLD = 0.58  # that makes this many nodes of the demonstrations below
+NOISE = 0.01  # standard deviation of the sensors' noise around what the map has learned
+
+TEXT = f"""Each call is timed alone, on one float32 array; the median and the slowest in a
+hundred of {STEPS:,} calls ({EAGER_STEPS:,} of eager torch), one thread. The map has about
+{NODES} nodes and percepts of {DIMENSIONS} numbers. Experiment 2 is the shipped network with its
+forward model, which tries 21 actions; its percepts are noisy visits to the learned places,
+{{commanded:.0%}} of which recall a target.
+"""
+
+
+def small_map() -> tuple[HabituatingSOFM, np.ndarray]:
+    """A learned map and more of what it learned from, float32 `[T, D]`."""
+    stream = demonstrations(2_500 + STEPS, DIMENSIONS, 1, seed=0)
+    som = HabituatingSOFM(
+        SOFMConfig.paper(DIMENSIONS, novelty_threshold=THRESHOLD), engine="compiled"
+    )
+    som.observe(torch.from_numpy(stream[:2_500]))
+    return som, stream[2_500:]
+
+
+def experiment_2(engine: Engine) -> PACNet:
+    """The shipped network that follows walls."""
+    model = MLPForwardModel.from_pretrained(CHECKPOINTS / "forward_model")
+    return PACNet.from_pretrained(CHECKPOINTS / "wall_following", model, engine).eval()
+
+
+def visits(network: PACNet, seed: int = 0) -> np.ndarray:
+    """Percepts near places that the map knows, a while at each, float32 `[T, D]`."""
+    rng = np.random.default_rng(seed)
+    prototypes = network.sofm.prototypes.numpy()
+    places = np.repeat(rng.integers(len(prototypes), size=STEPS // 20), 20)
+    percepts = prototypes[places] + NOISE * rng.standard_normal((STEPS, prototypes.shape[1]))
+    return percepts.clip(0, 1).astype(np.float32)
+
+
+def measure() -> list[Table]:
+    """One row a kind of step."""
+    som, percepts = small_map()
+    nodes = len(som)
+    som.eval()
+    reading = _summary(latencies(som.step, _warm(som.step, percepts)))
+    som.train()
+    learning = _summary(latencies(som.step, _warm(som.step, percepts)))
+    compiled, eager = experiment_2("compiled"), experiment_2("eager")
+    places = visits(compiled)
+    whole = _summary(latencies(compiled.step, _warm(compiled.step, places)))
+
+    def act(percept: np.ndarray) -> object:
+        return eager.act(torch.from_numpy(percept)[None])
+
+    slow = _summary(latencies(act, _warm(act, places[:EAGER_STEPS])))
+    commanded = float(
+        experiment_2("eager").recall(torch.from_numpy(places)).commanded.float().mean()
+    )
+    rows = [
+        _row(f"`HabituatingSOFM.step`, reading, {nodes} nodes", reading, (5, 20)),
+        _row(f"`HabituatingSOFM.step`, learning, {nodes} nodes and more", learning, (5, 20)),
+        _row("`PACNet.step`, Experiment 2", whole, (60, 200)),
+        _row("`PACNet.act` of one percept, eager torch", slow, None),
+    ]
+    rows.append(("`act` in eager torch over `step`", factor(slow[0] / whole[0]), *[NOTHING] * 3))
+    columns = ("what", "p50 [µs]", "wanted", "p99 [µs]", "wanted")
+    return [Table("One step of a control loop", TEXT.format(commanded=commanded), columns, rows)]
+
+
+def _warm(step: Callable[[np.ndarray], object], percepts: np.ndarray) -> np.ndarray:
+    for percept in percepts[:100]:
+        step(percept)
+    return percepts[100:]
+
+
+def _summary(times: np.ndarray) -> tuple[float, float]:
+    """Median and 99th percentile [µs]."""
+    return float(np.percentile(times, 50)), float(np.percentile(times, 99))
+
+
+def _row(
+    what: str, measured: tuple[float, float], wanted: tuple[int, int] | None
+) -> tuple[str, ...]:
+    limits = [f"≤ {limit}" for limit in wanted] if wanted else [NOTHING, NOTHING]
+    return what, number(measured[0]), limits[0], number(measured[1]), limits[1]
+
+
+def main() -> None:
+    """Measures and prints."""
+    run_alone(__doc__, measure)
+
+
+if __name__ == "__main__":
+    main()
