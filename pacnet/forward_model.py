@@ -82,7 +82,7 @@ class OneStateForwardModel(ForwardModel, Protocol):
     """
 
     def command_one(
-        self, state: NDArray[np.float32], target: NDArray[np.float32]
+        self, state: NDArray[np.float32] | Tensor, target: NDArray[np.float32] | Tensor
     ) -> NDArray[np.float32] | None:
         """What `command` would do for a state `[S]` and target `[A]`: `[U]`, or None for nothing.
 
