@@ -28,9 +28,11 @@ from pacnet import (
     PIDConfig,
     PIDController,
     SOFMConfig,
+    SOFMEnsemble,
     fitting,
 )
 from pacnet.competition import CompetitionConfig
+from pacnet.engine import Engine
 from pacnet.mlp_forward_model import MLPForwardModel, MLPForwardModelConfig
 from pacnet.rows import Column, GrowableRows
 from pacnet.schema_network import SchemaNetwork
@@ -101,6 +103,18 @@ def learn_map(sofm: HabituatingSOFM, percepts: Tensor, _targets: Tensor) -> Tens
 
 def use_map(sofm: HabituatingSOFM, percepts: Tensor, _targets: Tensor) -> Tensors:
     return tuple(sofm(percepts))
+
+
+def make_ensemble() -> SOFMEnsemble:
+    return SOFMEnsemble(HabituatingSOFM(map_config(preset)) for preset in ("paper", "gwr"))
+
+
+def learn_ensemble(ensemble: SOFMEnsemble, percepts: Tensor, _targets: Tensor) -> Tensors:
+    return tuple(itertools.chain(*ensemble.observe([percepts, percepts[:-5]])))
+
+
+def use_ensemble(ensemble: SOFMEnsemble, percepts: Tensor, _targets: Tensor) -> Tensors:
+    return tuple(itertools.chain(*ensemble([percepts, percepts])))
 
 
 def make_schemas(recall_by: str) -> MotorSchemas:
@@ -262,6 +276,10 @@ CASES = {
     ),
     "HabituatingSOFM-paper": Case(lambda: HabituatingSOFM(map_config("paper")), learn_map, use_map),
     "HabituatingSOFM-gwr": Case(lambda: HabituatingSOFM(map_config("gwr")), learn_map, use_map),
+    "HabituatingSOFM-eager": Case(
+        lambda: HabituatingSOFM(map_config("paper"), engine="eager"), learn_map, use_map
+    ),
+    "SOFMEnsemble": Case(make_ensemble, learn_ensemble, use_ensemble),
     "PACNet-paper-cue": Case(lambda: make_network("paper", "cue"), learn_network, use_network),
     "PACNet-gwr-order": Case(lambda: make_network("gwr", "order"), learn_network, use_network),
     "CompetingSchemas": Case(
@@ -715,14 +733,15 @@ def assert_agree(sofm: HabituatingSOFM, plain: PlainMap) -> None:
     ]
 
 
-def test_the_map_equals_a_plain_one_on_random_lessons():
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_the_map_equals_a_plain_one_on_random_lessons(engine: Engine):
     happened = Counter()
 
     @settings(max_examples=40, derandomize=True, deadline=None, database=None)
     @given(lessons())
     def check(lesson: tuple[bool, SOFMConfig, list[list[float]]]) -> None:
         gwr, config, percepts = lesson
-        sofm, plain = HabituatingSOFM(config), PlainMap(config, gwr)
+        sofm, plain = HabituatingSOFM(config, engine), PlainMap(config, gwr)
         for percept in percepts:
             try:
                 expected = plain.step(percept)
