@@ -19,7 +19,7 @@ from PIL import Image
 from envs.arena import make_arena
 from envs.khepera import INFRARED_NAMES, MAX_WHEEL_SPEED, wheel_speeds
 from envs.wall_behaviours import CRUISE, MAX_TURN
-from pacnet import NOBODY, Action, MLPForwardModel, PACNet, Recall, TransitionMatrix
+from pacnet import NOBODY, Decision, MLPForwardModel, PACNet, TransitionMatrix
 from pacnet.demonstrations import load_demonstrations
 from train import (
     forward_model,
@@ -209,14 +209,11 @@ class Once:
     def reset(self) -> None:  # noqa: D102
         self.resets += 1
 
-    def act(self, _: torch.Tensor) -> Action:  # noqa: D102
+    def step(self, _: np.ndarray) -> Decision:  # noqa: D102
         self.calls += 1
-        given = torch.tensor([self.calls == 1])
-        recall = Recall(
-            torch.zeros(1, 6), torch.tensor([True]), torch.tensor([7]), torch.ones(1),
-            torch.tensor([False]), torch.tensor([0]), torch.tensor([7]),
-        )  # fmt: skip
-        return Action(torch.tensor([self.action]).where(given, torch.nan), given, recall)
+        action = np.array(self.action, np.float32) if self.calls == 1 else None
+        target = np.zeros(6, np.float32)
+        return Decision(action, target, 7, 1.0, novelty=False, position=0, schema=7)
 
 
 def test_a_network_that_knows_nothing_wanders():

@@ -9,7 +9,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
@@ -135,13 +134,14 @@ def recall_episode(
     truncated = False
     while not truncated:
         percepts, phase = percept(observation), info["phase"]
-        recall = network.recall(torch.from_numpy(percepts)[None])
-        if recall.commanded.item():
-            target = recall.targets[0].numpy()
+        decision = network.step(percepts)
+        commanded = decision.target is not None
+        if commanded:
+            target = decision.target
         observation, _, _, truncated, info = environment.step_to(target)
-        winner = NOBODY if recall.novelty.item() else recall.winner.item()
+        winner = NOBODY if decision.novelty else decision.winner
         seen = {"percepts": percepts, "phases": phase, "winners": winner}
-        steps.append({**info, **seen, "commanded": recall.commanded.item()})
+        steps.append({**info, **seen, "commanded": commanded})
         if after_step is not None:
             after_step(len(steps))
     return _recall_episode(steps)

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, Protocol
 
 import gymnasium
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -86,15 +85,13 @@ class Recalling:
 
     def drive(self, percept: NDArray[np.float32]) -> Driven:
         """What to do on a percept (6,)."""
-        acted = self._network.act(torch.from_numpy(percept)[None])
-        recall = acted.recall
-        winner = NOBODY if recall.novelty.item() else int(recall.winner)
-        if acted.given.item():
-            action = acted.action[0].numpy()
-            self._wanderer.take_over(MAX_WHEEL_SPEED * action)
-            return Driven(action, winner, commanded=True)
+        decision = self._network.step(percept)
+        winner = NOBODY if decision.novelty else decision.winner
+        if decision.action is not None:
+            self._wanderer.take_over(MAX_WHEEL_SPEED * decision.action)
+            return Driven(decision.action, winner, commanded=True)
         wandering = shares(self._wanderer.act(percept))
-        return Driven(wandering, winner, abstained=bool(acted.abstained))
+        return Driven(wandering, winner, abstained=decision.target is not None)
 
 
 def shares(wheels: NDArray[np.float64]) -> NDArray[np.float32]:
