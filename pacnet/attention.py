@@ -120,3 +120,18 @@ def record(responses: list[Response]) -> Lesson:
         habituated=torch.tensor([r.habituated for r in responses], device=device),
         gone=torch.cat(gone) if gone else torch.zeros(0, dtype=torch.int64, device=device),
     )
+
+
+def ignored(attention: Attention) -> Lesson:
+    """What a map that does not learn does with T percepts: nothing."""
+    nothing = torch.zeros_like(attention.novelty)
+    number = torch.zeros_like(attention.winner)
+    observation = Observation(
+        *attention,
+        attended=nothing,
+        inserted=nothing.clone(),
+        ignored=~nothing,
+        dishabituated=nothing.clone(),
+        deleted=number,
+    )
+    return Lesson(observation, habituated=nothing.clone(), gone=number[:0].clone())

@@ -53,7 +53,7 @@ class CompiledMLP:
         chosen = kernels.choose(
             state if state.flags.carray else state.copy(),  # another kind would be compiled anew
             target if target.flags.carray else target.copy(),
-            self._memory.table,
+            self._memory.held[0],
             len(layers) // 2 + 1,
             model.config.steps,
             float(model.config.abstain_below),

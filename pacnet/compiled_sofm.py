@@ -13,7 +13,7 @@ from torch import Tensor
 
 from pacnet import sofm_kernels as kernels
 from pacnet.attention import Attention, Lesson, Observation, Step
-from pacnet.engine import Memory, check_row
+from pacnet.engine import Memory, check_buffers, check_row
 from pacnet.sofm_config import LARGEST_PERCEPT, SOFMConfig
 from pacnet.threads import share_rows
 
@@ -32,18 +32,21 @@ class CompiledSOFM:
 
     Attributes:
         scaled: the last percept of `step` in the map's own units, `[D]`.
+
+    Raises:
+        ValueError: buffers that kernels cannot take, or that contradict one another.
     """
 
     def __init__(self, sofm: HabituatingSOFM) -> None:
         self._sofm, self._config = sofm, (config := sofm.config)
         self._rules = kernels.rules_of(config)
-        self._scale = sofm.scale.numpy().copy()
         self._scratch = kernels.scratch(config.dimensions)
         self._address = self._scratch.ctypes.data
         self.scaled = self._scratch[: config.dimensions]
         # Where modules keep their buffers: to look one up as an attribute takes a microsecond.
         self._buffers: Any = sofm.nodes._buffers, sofm.edges._buffers, sofm._buffers
         self._memory = Memory()
+        _check_edges(sofm)
         self._find()
 
     def is_current(self, config: SOFMConfig) -> bool:
@@ -53,7 +56,7 @@ class CompiledSOFM:
             (
                 nodes["prototype"].data_ptr(), nodes["habituation"].data_ptr(),
                 nodes["habituated_at"].data_ptr(), edges["ends"].data_ptr(),
-                edges["age"].data_ptr(), own["time"].data_ptr(),
+                edges["age"].data_ptr(), own["time"].data_ptr(), own["scale"].data_ptr(),
             )
         )  # fmt: skip
 
@@ -74,7 +77,7 @@ class CompiledSOFM:
             self._make_room()
             at_once = _WORK // self._sofm.nodes.get_buffer("prototype").numel()
             stop = min(samples, done + max(1, at_once))
-            table = self._memory.table
+            table, _ = self._memory.held
             done, gone = kernels.observe(
                 rows, table, self._address, self._rules, log, done, stop, gone
             )
@@ -86,25 +89,25 @@ class CompiledSOFM:
         Raises:
             ValueError: as `HabituatingSOFM.step`.
         """
-        row = check_row("percept", percept, len(self.scaled))
-        np.multiply(row, self._scale, self.scaled)
-        status, fields = kernels.step(
-            self._memory.table, self._address, self._rules, _LARGEST, learns
-        )
+        self.scaled[:] = check_row("percept", percept, len(self.scaled))
+        status, fields = self._step(learns)
         if status == kernels.NO_ROOM:
             self._make_room()
-            status, fields = kernels.step(
-                self._memory.table, self._address, self._rules, _LARGEST, learns
-            )
+            status, fields = self._step(learns)
         if status == kernels.INVALID:
-            self._sofm.scaled(torch.from_numpy(row.copy())[None])  # says what is wrong with it
+            self._sofm.scaled(torch.from_numpy(self.scaled.copy())[None])  # says what is wrong
+        assert status == kernels.DONE
         return Step._make(fields)
+
+    def _step(self, learns: bool) -> tuple[int, tuple[Any, ...]]:
+        table, _ = self._memory.held
+        return kernels.step(table, self._address, self._rules, _LARGEST, learns)
 
     def read(self, percepts: Tensor) -> Attention:
         """Reads scaled percepts `[B, D]`, without gradient, in as many threads as torch uses."""
         count = len(percepts)
         rows = np.ascontiguousarray(percepts.detach().numpy())
-        table = self._memory.table
+        table, _tensors = self._memory.held  # both, though another thread may let the map grow
         winner, runner_up = np.empty((2, count), np.int64)
         activation, novelty = np.empty(count, np.float32), np.empty(count, np.bool_)
         answers = winner, runner_up, activation, novelty
@@ -132,13 +135,28 @@ class CompiledSOFM:
         """Tells the kernels where the map's buffers lie, in the order in which they expect it."""
         nodes, edges = self._sofm.nodes, self._sofm.edges
         of_nodes, of_edges, own = self._buffers
-        buffers = (
-            of_nodes["prototype"], of_nodes["habituation"], of_nodes["habituated_at"],
-            of_edges["ends"], of_edges["age"], own["time"],
-        )  # fmt: skip
+        buffers = {
+            "prototype": (of_nodes["prototype"], torch.float32),
+            "habituation": (of_nodes["habituation"], torch.float32),
+            "habituated_at": (of_nodes["habituated_at"], torch.int64),
+            "ends": (of_edges["ends"], torch.int64),
+            "age": (of_edges["age"], torch.int64),
+            "time": (own["time"], torch.int64),
+            "scale": (own["scale"], torch.float32),
+        }
         counts = nodes.count.ctypes.data, edges.count.ctypes.data
         sizes = nodes.capacity, edges.capacity, len(self.scaled)
-        self._memory.keep(buffers, (*counts, *sizes))
+        self._memory.keep(check_buffers(buffers), (*counts, *sizes))
+
+
+def _check_edges(sofm: HabituatingSOFM) -> None:
+    """Raises a ValueError if an edge ends at a node that there is not."""
+    ends, nodes = sofm.edges.live("ends"), len(sofm)
+    if len(ends) and not 0 <= int(ends.min()) <= int(ends.max()) < nodes:
+        raise ValueError(
+            f"expected edges between nodes 0 to {nodes - 1}, "
+            f"got ends from {int(ends.min())} to {int(ends.max())}"
+        )
 
 
 def _as_lesson(log: kernels.Log, gone: int) -> Lesson:

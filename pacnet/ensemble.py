@@ -23,7 +23,7 @@ class SOFMEnsemble(nn.Module):
         maps: the maps; they stay those of the caller.
 
     Raises:
-        ValueError: no map, or one of them twice.
+        ValueError: no map, one of them twice, or something else.
 
     Example:
         >>> maps = [HabituatingSOFM(SOFMConfig.paper(2, novelty_threshold=t)) for t in (0.2, 0.8)]
@@ -35,6 +35,9 @@ class SOFMEnsemble(nn.Module):
     def __init__(self, maps: Iterable[HabituatingSOFM]) -> None:
         super().__init__()
         members = list(maps)
+        for member in members:
+            if not isinstance(member, HabituatingSOFM):
+                raise ValueError(f"expected HabituatingSOFMs, got {type(member).__name__}")
         if not members or len({id(sofm) for sofm in members}) < len(members):
             raise ValueError(f"expected one or more different maps, got {len(members)}")
         self.maps = nn.ModuleList(members)

@@ -186,32 +186,26 @@ class PACNet(nn.Module):
         # Growing inside a caller's inference mode would make buffers nobody can update later; a
         # Ctrl-C between map and schemas would leave nodes without one.
         with torch.inference_mode(False), interrupts_held_back():
-            nodes = len(self.sofm)
             lesson = self.sofm.learn(percepts)
             if self.training:
-                self._keep(lesson, nodes, percepts, targets, episode)
+                self._keep(lesson, percepts, targets, episode)
         return lesson.observation
 
-    def _keep(
-        self, lesson: Lesson, nodes: int, percepts: Tensor, targets: Tensor, episode: int
-    ) -> None:
+    def _keep(self, lesson: Lesson, percepts: Tensor, targets: Tensor, episode: int) -> None:
         """Takes the motor schemas, which do not influence the map, to where the map is.
 
         Args:
             lesson: what the map did.
-            nodes: how many it had before.
             percepts: `[T, D]`, scaled.
             targets: `[T, A]`.
             episode: number of the learning episode.
         """
         observed = lesson.observation
         for part, gone in lesson.between_deletions():
-            inserted = observed.inserted[part]
-            made = nodes - 1 + inserted.cumsum(0)  # number of the node made at a sample
-            for _ in range(int(inserted.sum())):
-                nodes = self.schemas.add_node() + 1
+            for _ in range(int(observed.inserted[part].sum())):
+                self.schemas.add_node()
             samples = Samples(
-                node=torch.where(inserted, made, observed.winner[part]),
+                node=observed.winner[part],
                 activation=observed.activation[part],
                 habituated=lesson.habituated[part],
                 target=targets[part],
@@ -220,7 +214,6 @@ class PACNet(nn.Module):
             self.schemas.write_samples(samples, episode)
             if len(gone):
                 self.schemas.delete(gone)
-                nodes -= len(gone)
 
     @torch.no_grad()
     def recall(self, percepts: Tensor) -> Recall:

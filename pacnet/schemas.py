@@ -187,6 +187,8 @@ class MotorSchemas(Sequences):
         compiled = self._compiled_recall()
         if compiled is None:
             return super().recall_samples(nodes, percepts)
+        if int(nodes.max()) != NOBODY:
+            self._check_node(int(nodes.max()))
         target, position = compiled.recall(nodes, percepts)
         return RecalledTargets(target, position, nodes.where(position != NOBODY, NOBODY))
 
@@ -195,13 +197,16 @@ class MotorSchemas(Sequences):
         compiled = self._compiled_recall()
         if compiled is None:
             return super().recall_row(node, percept)
+        if node == NOBODY:
+            return None
+        self._check_node(node)
         recalled = compiled.recall_one(node, percept)
         return None if recalled is None else RecalledRow(*recalled, node)
 
     def _compiled_recall(self) -> CompiledSchemas | None:
         """The compiled engine, or None where the eager one runs."""
         compiled = self._compiled
-        if compiled is not None and compiled.is_current:
+        if compiled is not None and compiled.is_current(self.config):
             return compiled
         if not runs_compiled(self.engine, self.pool.get_buffer("target")):
             return None

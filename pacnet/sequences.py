@@ -25,7 +25,7 @@ class Samples(NamedTuple):
     """T samples of an episode, in order of time, as the map hands them to the motor schemas."""
 
     node: Tensor
-    """The winner, or the node just made, int64 `[T]`."""
+    """The winner, int64 `[T]`; what it is matters only where it is habituated."""
     activation: Tensor
     """Of the winner by the percept, `[T]`."""
     habituated: Tensor

@@ -13,7 +13,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention import NOBODY, Attention, Lesson, Observation, Response, Step, record
+from pacnet.attention import (
+    NOBODY,
+    Attention,
+    Lesson,
+    Observation,
+    Response,
+    Step,
+    ignored,
+    record,
+)
 from pacnet.engine import Engine, check_engine, runs_compiled
 from pacnet.rows import Column, GrowableRows
 from pacnet.sofm_config import LARGEST_PERCEPT, SOFMConfig
@@ -127,7 +136,7 @@ class HabituatingSOFM(nn.Module):
         compiled = self.compiled()
         if compiled is not None:
             return compiled.step(percept, learns=self.training)
-        one = torch.from_numpy(percept) if isinstance(percept, np.ndarray) else percept
+        one = torch.from_numpy(percept.copy()) if isinstance(percept, np.ndarray) else percept
         observation = self.observe(one[None] if isinstance(one, Tensor) else one)
         return Step._make(field.item() for field in observation)
 
@@ -139,7 +148,7 @@ class HabituatingSOFM(nn.Module):
         compiled = self.compiled()
         if compiled is not None:
             return compiled.step(percept, learns=False), compiled.scaled
-        one = torch.from_numpy(percept) if isinstance(percept, np.ndarray) else percept
+        one = torch.from_numpy(percept.copy()) if isinstance(percept, np.ndarray) else percept
         with torch.no_grad():
             scaled = self.scaled(one[None] if isinstance(one, Tensor) else one)
             reading = [field.item() for field in self.read(scaled)]
@@ -179,8 +188,13 @@ class HabituatingSOFM(nn.Module):
         return scaled
 
     def learn(self, percepts: Tensor) -> Lesson:
-        """`observe` for percepts `[T, D]` that `scaled` has checked; called without gradient."""
-        compiled = self.compiled() if self.training else None
+        """`observe` for percepts `[T, D]` that `scaled` has checked; called without gradient.
+
+        A map learns in one thread at a time; meanwhile others may call `forward`, not `step`.
+        """
+        if not self.training:
+            return ignored(self.read(percepts))
+        compiled = self.compiled()
         if compiled is not None:
             return compiled.observe(percepts)
         return record([self.attend(percept) for percept in percepts])

@@ -27,7 +27,7 @@ announce_compilation()
 NOVEL, INSERTED, IGNORED, DISHABITUATED, HABITUATED = 1, 2, 4, 8, 16
 
 DONE, INVALID, NO_ROOM = 0, 1, 2  # how a step ended
-NOBODY = -1  # as in `pacnet.sofm`; a literal here, so that it is compiled in
+NOBODY = -1  # as in `pacnet.attention`; a literal here, so that it is compiled in
 _BLOCK, _ENDS = 8, 16  # edges, and their ends, compared at once while looking for a node's
 _FLOAT, _INTEGER, _SWITCH = np.float32, np.int64, np.bool_
 
@@ -65,6 +65,7 @@ class Buffers(NamedTuple):
     ends: Any  # int64 [E * 2]
     age: Any  # int64 [E]
     time: Any  # int64 [1]
+    scale: Any  # float32 [D]
     node_count: Any  # int64 [1]
     edge_count: Any  # int64 [1]
     percept: Any  # float32 [D in whole vectors], the scaled one that is learned or read
@@ -139,7 +140,7 @@ def scratch(dimensions: int) -> NDArray[np.float32]:
 @njit
 def _buffers_at(table, scratch):
     """What lies where `pacnet.compiled_sofm` says, and a scratch at this address."""
-    dimensions = table[10]
+    dimensions = table[11]
     distances = scratch + 4 * in_whole_vectors(dimensions)
     return Buffers(
         prototype=floats(table[0]),
@@ -148,13 +149,14 @@ def _buffers_at(table, scratch):
         ends=integers(table[3]),
         age=integers(table[4]),
         time=integers(table[5]),
-        node_count=integers(table[6]),
-        edge_count=integers(table[7]),
+        scale=floats(table[6]),
+        node_count=integers(table[7]),
+        edge_count=integers(table[8]),
         percept=floats(scratch),
         distances=floats(distances),
         last_block=floats(distances + 4 * ROWS),
-        nodes=table[8],
-        edges=table[9],
+        nodes=table[9],
+        edges=table[10],
         dimensions=dimensions,
     )
 
@@ -194,21 +196,24 @@ def observe(percepts, table, scratch, rules, log, start, stop, gone):
 
 @njit(cache=True, nogil=True)
 def step(table, scratch, rules, largest, learns):
-    """Learns the one scaled percept that lies in the scratch, or only reads.
+    """Scales the one percept that lies in the scratch, and learns it, or only reads.
 
     Returns:
-        DONE; or INVALID, of a percept that is not finite or beyond ±`largest`, or NO_ROOM for one
-        more node and two more edges, and nothing has changed. Then the fields of a `Step`.
+        DONE; or INVALID, of a percept that is not finite or beyond ±`largest` when scaled, or
+        NO_ROOM for one more node and two more edges: then nothing has changed, and the percept is
+        as it was. And the fields of a `Step`.
     """
     buffers, rule = _buffers_at(table, scratch), rules[0]
     winner, runner_up, distance, events, deleted = NOBODY, NOBODY, np.float32(0), 0, 0
     valid = True
     for d in range(buffers.dimensions):
-        valid &= abs(buffers.percept[d]) <= largest  # false for NaN as well
+        valid &= abs(buffers.percept[d] * buffers.scale[d]) <= largest  # false for NaN as well
     status = DONE if valid else INVALID
     if valid and learns and not _has_room(buffers):
         status = NO_ROOM
     if status == DONE:
+        for d in range(buffers.dimensions):
+            buffers.percept[d] *= buffers.scale[d]
         winner, runner_up, squared = _two_nearest(buffers, NOBODY, NOBODY)
         distance = np.sqrt(squared)
         events = IGNORED | (NOVEL if _is_novel(winner, distance, rule) else 0)

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import copy
+import ctypes
+import dataclasses
+import mmap
 import pickle
+import sys
 from collections import Counter
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 import torch
@@ -15,6 +20,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from pacnet import NOBODY, HabituatingSOFM, Observation, SOFMConfig
+from pacnet.engine import Engine
 
 FAR = 2.0**6  # coordinates under it, of multiples of 1 / FAR, have distances exact in float32
 CLOSE = 1e-6  # distances that agree to this much may be told apart by rounding
@@ -284,15 +290,88 @@ def test_buffers_that_move_are_followed():
     assert_same_state(eager, taken)
 
 
-def test_a_loaded_edge_that_is_too_old_goes_at_once():
-    for engine in ("eager", "compiled"):
-        sofm = HabituatingSOFM(SOFMConfig.paper(1, max_edge_age=50), engine=engine)
-        sofm.observe(torch.tensor([[0.0], [5.0], [10.0]]))
-        state = sofm.state_dict()
-        state["edges.age"][0] = 51  # of nodes 0 and 1, while node 2 wins
-        sofm.load_state_dict(state)
-        assert sofm.observe(torch.tensor([[10.1]])).deleted.tolist() == [1], engine
-        assert sofm.edges.live("ends").tolist() == [[0, 1]]
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+@pytest.mark.parametrize("method", ["observe", "step"])
+def test_a_loaded_edge_that_is_too_old_goes_at_once(engine: Engine, method: str):
+    sofm = HabituatingSOFM(SOFMConfig.paper(1, max_edge_age=50), engine)
+    sofm.observe(torch.tensor([[0.0], [5.0], [10.0]]))
+    state = sofm.state_dict()
+    state["edges.age"][0] = 51  # of nodes 0 and 1, while node 2 wins
+    sofm.load_state_dict(state)
+    percept = torch.tensor([10.1])
+    deleted = (
+        sofm.step(percept).deleted if method == "step" else sofm.observe(percept[None]).deleted
+    )
+    assert int(deleted) == 1
+    assert sofm.edges.live("ends").tolist() == [[0, 1]]
+
+
+def before_a_forbidden_page(tensor: Tensor) -> Tensor:
+    """The same numbers, right before memory that nobody may touch."""
+    size = tensor.numel() * tensor.element_size()
+    room = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
+    memory = mmap.mmap(-1, room + mmap.PAGESIZE)
+    forbidden = ctypes.addressof(ctypes.c_char.from_buffer(memory)) + room
+    libc = ctypes.CDLL(None, use_errno=True)
+    assert libc.mprotect(ctypes.c_void_p(forbidden), ctypes.c_size_t(mmap.PAGESIZE), 0) == 0
+    moved = torch.frombuffer(memory, dtype=tensor.dtype, count=tensor.numel(), offset=room - size)
+    return moved.reshape(tensor.shape).copy_(tensor)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="pages are forbidden by Linux's mprotect")
+@pytest.mark.parametrize("dimensions", [*range(1, 20), 31, 32, 33, 47, 48, 49, 65])
+def test_kernels_keep_within_the_buffers(dimensions: int):
+    random = torch.Generator().manual_seed(dimensions)
+    for nodes in (1, 7, 8, 9, 24, 31):
+        eager, compiled = both(SOFMConfig.paper(dimensions, novelty_threshold=0.9))
+        eager.observe(torch.randint(-45, 46, (nodes, dimensions), generator=random).float())
+        compiled.load_state_dict(eager.state_dict())
+        for rows in (compiled.nodes, compiled.edges):
+            for name in rows.columns:
+                if len(rows):
+                    setattr(rows, name, before_a_forbidden_page(rows.get_buffer(name)))
+        percepts = torch.randint(-45, 46, (20, dimensions), generator=random).float()
+        assert torch.equal(eager(percepts).winner, compiled(percepts).winner)
+        assert [compiled.eval().step(row).winner for row in percepts] == eager(
+            percepts
+        ).winner.tolist()
+        eager.observe(percepts[:3])
+        compiled.train().observe(percepts[:3])
+        assert_same_state(eager, compiled)
+
+
+def test_a_replaced_config_is_followed():
+    sofm = HabituatingSOFM(SOFMConfig.paper(1, novelty_threshold=0.5), engine="compiled")
+    sofm.observe(torch.zeros(1, 1))
+    assert not sofm.step(torch.tensor([0.1])).novelty
+    sofm.config = dataclasses.replace(sofm.config, novelty_threshold=0.99)
+    assert sofm.step(torch.tensor([0.3])).novelty
+
+
+def test_buffers_that_contradict_one_another_are_refused():
+    sofm = taught()
+    small = HabituatingSOFM(sofm.config)
+    small.observe(walk(2, 3))
+    part = {name: tensor for name, tensor in small.state_dict().items() if "nodes" in name}
+    sofm.load_state_dict(part, strict=False)  # its edges are still those of the many nodes
+    with pytest.raises(ValueError, match="expected edges between nodes 0 to"):
+        sofm.observe(walk(5, 3))
+    other = taught()
+    other.nodes.habituation = other.nodes.habituation.double()
+    with pytest.raises(ValueError, match=r"expected habituation as a contiguous torch.float32"):
+        other.observe(walk(5, 3))
+
+
+def test_an_array_from_another_process_can_be_a_step():
+    row = pickle.loads(pickle.dumps(np.zeros(3, np.float32)))
+    assert taught().step(row) == taught().step(np.zeros(3, np.float32))
+
+
+def test_what_others_compile_is_none_of_our_business():
+    taught()  # by now the listener is there
+    space = {"__name__": None}
+    exec("def double(x): return 2 * x", space)
+    assert numba.njit(space["double"])(4) == 8
 
 
 def test_double_precision_runs_eagerly_and_cannot_be_forced():

@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from pacnet import MotorSchemas, MotorSchemasConfig
+from pacnet.engine import Engine
 
 
 def make_schemas(nodes: int = 2, **fields: object) -> MotorSchemas:
@@ -244,3 +245,27 @@ def test_fewer_cues_than_asked_for_are_all_averaged():
     assert recalled is not None
     assert recalled.target.item() == 2.5
     assert recalled.position == 1
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_both_engines_refuse_a_node_that_there_is_not(engine: Engine):
+    schemas = MotorSchemas(MotorSchemasConfig(1, 1), engine)
+    for node in range(3):
+        schemas.add_node()
+        schemas.write(node, torch.ones(1), torch.ones(1), 0, habituated=True)
+    schemas.delete(torch.tensor([2]))
+    with pytest.raises(ValueError, match="expected a node from 0 to 1, got 2"):
+        schemas.recall_samples(torch.tensor([0, 2]), torch.ones(2, 1))
+    with pytest.raises(ValueError, match="expected a node from 0 to 1, got 2"):
+        schemas.recall_row(2, torch.ones(1).numpy())
+
+
+def test_a_sequence_that_leaves_the_pool_is_refused():
+    schemas = MotorSchemas(MotorSchemasConfig(1, 1), "compiled")
+    schemas.add_node()
+    schemas.write(0, torch.ones(1), torch.ones(1), 0, habituated=True)
+    state = schemas.state_dict()
+    state["blocks.length"][0] = 10**6
+    schemas.load_state_dict(state)
+    with pytest.raises(ValueError, match="expected sequences within the 1 rows of the pool"):
+        schemas.recall_row(0, torch.ones(1).numpy())
