@@ -9,9 +9,19 @@ Numba keeps compiled kernels as long as their own file is unchanged: after a cha
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
-from pacnet.lanes import add_product, difference, first_ones, load, sums, total, zeros
+from pacnet.lanes import (
+    add_product,
+    any_up_to,
+    difference,
+    first_ones,
+    load,
+    sums,
+    total,
+    zeros,
+)
 
 ROWS = 8  # compared at once
 _FEW, _MANY = 8, 16  # dimensions taken at once, by whether there are more than a few
@@ -25,11 +35,14 @@ def in_whole_vectors(dimensions):
 
 
 @njit(forceinline=True)
-def squared_distances(percept, rows, at, dimensions):
-    """Of a percept `[D]` from the eight rows `[D]` at `at`, side by side; all are pointers."""
+def squared_distances(percept, rows, at, dimensions, limit):
+    """Of a percept `[D]` from the eight rows `[D]` at `at`, side by side; all are pointers.
+
+    If none of them is up to a limit, it may be a part of each sum that is beyond it already.
+    """
     if dimensions > _FEW:
-        return _from_eight_of_many(percept, rows, at, dimensions)
-    return _from_eight_of_few(percept, rows, at, dimensions)
+        return _from_eight_of_many(percept, rows, at, dimensions, limit)
+    return _from_eight_of_few(percept, rows, at, dimensions, limit)
 
 
 @njit(forceinline=True)
@@ -48,7 +61,7 @@ def _make(lanes):  # noqa: C901 - four functions, each of them simple
     """
 
     @njit(forceinline=True)
-    def from_eight(percept, rows, at, length):
+    def from_eight(percept, rows, at, length, limit):
         a, b, c, d = zeros(lanes), zeros(lanes), zeros(lanes), zeros(lanes)
         e, f, g, h = zeros(lanes), zeros(lanes), zeros(lanes), zeros(lanes)
         whole = length // lanes * lanes
@@ -62,6 +75,10 @@ def _make(lanes):  # noqa: C901 - four functions, each of them simple
             f = add_square(f, rows, here + 5 * length, x)
             g = add_square(g, rows, here + 6 * length, x)
             h = add_square(h, rows, here + 7 * length, x)
+            if k == 0 and lanes < length and limit < np.inf:
+                so_far = sums(a, b, c, d, e, f, g, h)
+                if not any_up_to(so_far, limit):
+                    return so_far
         if whole < length:
             x, here, rest = load(percept, whole, lanes), at + whole, length - whole
             a = add_last_square(a, rows, here, x, rest)

@@ -165,7 +165,7 @@ class PACNet(nn.Module):
         """
         self._check_episode(episode)
         episode = index(episode)
-        percepts, targets = self._check_pair(percepts, targets)
+        percepts, targets = (rows.detach() for rows in self._check_pair(percepts, targets))
         self._begin(episode, behaviour)
         parts = zip(percepts.split(_AT_ONCE), targets.split(_AT_ONCE), strict=True)
         observations = [self._learn(*part, episode) for part in parts]

@@ -57,7 +57,7 @@ class GrowableRows(nn.Module):
     @property
     def capacity(self) -> int:
         """The number of rows that fit without growing."""
-        return min(self.get_buffer(name).shape[0] for name in self.columns)
+        return min(len(getattr(self, name)) for name in self.columns)
 
     def live(self, name: str) -> Tensor:
         """The live rows of a column, `[len(self), *shape]`: a view, valid until the next change."""
@@ -87,7 +87,7 @@ class GrowableRows(nn.Module):
         capacity = max(wanted, 2 * self.capacity)
         grown = {}
         for name in self.columns:
-            old = self.get_buffer(name)
+            old = getattr(self, name)
             grown[name] = old.new_zeros(capacity, *old.shape[1:])
             grown[name][: len(self)] = self.live(name)
         for name, new in grown.items():  # where memory is short, all of them stay as they are

@@ -83,7 +83,8 @@ def _measure(buffers, node, room, distances, last_block):
             for k in range(min(ROWS, length - place) * dimensions):
                 last_block[k] = buffers.cue[at + k]
             rows, at = floats(last_block.ctypes.data), 0
-        store(out, place, squared_distances(percept, rows, at, dimensions))
+        block = squared_distances(percept, rows, at, dimensions, np.float32(np.inf))
+        store(out, place, block)
     for place in range(length, (length + ROWS - 1) // ROWS * ROWS):
         distances[place] = np.inf  # of nobody
 

@@ -179,7 +179,7 @@ class HabituatingSOFM(nn.Module):
                 large when scaled that their distances would not be.
         """
         rows = check_form("percepts", percepts, self.config.dimensions, self.scale)
-        scaled = rows * self.scale
+        scaled = rows if self.config.scale is None else rows * self.scale
         low, high = scaled.detach().aminmax()
         if not -LARGEST_PERCEPT <= float(low) <= float(high) <= LARGEST_PERCEPT:  # NaN is not
             check_rows("percepts", percepts, self.config.dimensions, self.scale)
@@ -197,7 +197,7 @@ class HabituatingSOFM(nn.Module):
         compiled = self.compiled()
         if compiled is not None:
             return compiled.observe(percepts)
-        return record([self.attend(percept) for percept in percepts])
+        return record([self.attend(percept) for percept in percepts.detach()])
 
     def attend(self, percept: Tensor) -> Response:
         """The three cases of the paper, for one checked and scaled percept `[D]`: one eager step.

@@ -298,7 +298,7 @@ def _two_nearest(buffers, one, other):
             for place in range(min(ROWS, nodes - node) * dimensions):
                 buffers.last_block[place] = buffers.prototype[at + place]
             rows, at = buffers.last_block, 0
-        block = squared_distances(buffers.percept, rows, at, dimensions)
+        block = squared_distances(buffers.percept, rows, at, dimensions, limit)
         if not any_up_to(block, limit):
             continue
         store(buffers.distances, 0, block)
