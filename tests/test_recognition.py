@@ -453,10 +453,11 @@ def test_parts_that_do_not_fit_are_refused():
 
 
 @pytest.mark.parametrize("at", [25, 60])
-def test_ctrl_c_within_a_sample_waits_until_the_sample_is_learned(monkeypatch, tmp_path, at: int):
+def test_ctrl_c_waits_until_map_and_schemas_have_learned_the_same(monkeypatch, tmp_path, at: int):
+    monkeypatch.setattr("pacnet.network._AT_ONCE", 20)
     network, other = make_taught(), make_taught()
     percepts, targets = make_episode(1, seed=9)
-    write, written = network.schemas.write, []
+    write, written = network.schemas._write, []
 
     def interrupted_write(*args, **kwargs) -> None:
         written.append(args)
@@ -464,14 +465,15 @@ def test_ctrl_c_within_a_sample_waits_until_the_sample_is_learned(monkeypatch, t
             signal.raise_signal(signal.SIGINT)
         write(*args, **kwargs)
 
-    monkeypatch.setattr(network.schemas, "write", interrupted_write)
+    monkeypatch.setattr(network.schemas, "_write", interrupted_write)
     previous = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
             network.observe(percepts, targets, episode=4, behaviour="up")
     finally:
         signal.signal(signal.SIGINT, previous)
-    other.observe(percepts[:at], targets[:at], episode=4, behaviour="up")
+    learned = -(-at // 20) * 20  # in stretches of 20 samples
+    other.observe(percepts[:learned], targets[:learned], episode=4, behaviour="up")
     assert_same_state(network, other)
     network.save_pretrained(tmp_path)
     assert PACNet.from_pretrained(tmp_path).behaviours == NAMES
