@@ -15,6 +15,7 @@ from pacnet import sofm_kernels as kernels
 from pacnet.attention import Attention, Lesson, Observation, Step
 from pacnet.engine import Memory, check_buffers, check_row
 from pacnet.sofm_config import LARGEST_PERCEPT, SOFMConfig
+from pacnet.sofm_rules import rules_of
 from pacnet.threads import share_rows
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class CompiledSOFM:
 
     def __init__(self, sofm: HabituatingSOFM) -> None:
         self._sofm, self._config = sofm, (config := sofm.config)
-        self._rules = kernels.rules_of(config)
+        self._rules = rules_of(config)
         self._scratch = kernels.scratch(config.dimensions)
         self._address = self._scratch.ctypes.data
         self.scaled = self._scratch[: config.dimensions]

@@ -6,11 +6,9 @@ on the same buffers, and round as they do, so that exact data give the same byte
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from numba import njit
 from numpy.typing import NDArray
 
@@ -19,7 +17,6 @@ from pacnet.distances import ROOM, ROWS, in_whole_vectors, squared_distance, squ
 from pacnet.engine import announce_compilation
 from pacnet.lanes import any_equal, any_up_to, store
 from pacnet.pointers import floats, integers
-from pacnet.sofm_config import SOFMConfig
 
 announce_compilation()
 
@@ -29,28 +26,6 @@ NOVEL, INSERTED, IGNORED, DISHABITUATED, HABITUATED = 1, 2, 4, 8, 16
 DONE, INVALID, NO_ROOM = 0, 1, 2  # how a step ended
 NOBODY = -1  # as in `pacnet.attention`; a literal here, so that it is compiled in
 _BLOCK, _ENDS = 8, 16  # edges, and their ends, compared at once while looking for a node's
-_FLOAT, _INTEGER, _SWITCH = np.float32, np.int64, np.bool_
-
-RULES = np.dtype(
-    [
-        ("novel_from", _FLOAT),  # distance from which a percept is novel
-        ("habituated_below", _FLOAT),
-        ("resting_habituation", _FLOAT),
-        ("floor_habituation", _FLOAT),
-        ("winner_rate", _FLOAT),
-        ("neighbour_rate", _FLOAT),
-        ("winner_decay", _FLOAT),
-        ("neighbour_decay", _FLOAT),
-        ("forgetting_interval", _INTEGER),  # NOBODY for never
-        ("max_edge_age", _INTEGER),
-        ("insert_only_when_habituated", _SWITCH),
-        ("insert_at_percept", _SWITCH),
-        ("ignore_when_habituated", _SWITCH),
-        ("habituation_scales_learning", _SWITCH),
-    ],
-    align=True,
-)
-"""The settings as the kernels read them, rounded to float32 as torch rounds a number it meets."""
 
 
 class Buffers(NamedTuple):
@@ -85,50 +60,6 @@ class Log(NamedTuple):
     events: NDArray[np.uint8]  # [T], bits
     deleted: NDArray[np.int64]  # [T], number of nodes that went
     gone: NDArray[np.int64]  # [sum of deleted, and room], their numbers, before each sample's went
-
-
-def rules_of(config: SOFMConfig) -> NDArray[np.void]:
-    """The settings as one row of `RULES`, `[1]`."""
-    never = config.forgetting_interval is None
-    rules = np.zeros(1, RULES)
-    for name in RULES.names or ():
-        if hasattr(config, name):
-            value = getattr(config, name)
-            rules[name] = NOBODY if value is None else value
-    rules["novel_from"] = novel_from(config.novelty_threshold)
-    rules["winner_decay"] = config.decay(config.winner_tau)
-    rules["neighbour_decay"] = config.decay(config.neighbour_tau)
-    rules["forgetting_interval"] = NOBODY if never else config.forgetting_interval
-    rules["insert_at_percept"] = config.insert_at == "percept"
-    return rules
-
-
-@lru_cache
-def novel_from(threshold: float) -> float:
-    """The smallest float32 distance at which torch's exp(−distance) is under the threshold.
-
-    The eager engine compares activations; so that both decide alike at the very edge, where two
-    exponential functions differ in the last digit, the kernels compare distances with this one.
-    """
-    # Floats ≥ 0 are ordered as their bits: bisection between bits, from around where it must lie.
-    guess = int(np.float32(-np.log(threshold)).view(np.int32))
-    reach, near, far = 1, guess, guess
-    while near > 0 and _is_under(near, threshold):
-        far, near, reach = near, max(0, near - reach), 2 * reach
-    while far < _INFINITE and not _is_under(far, threshold):
-        near, far, reach = far, min(_INFINITE, far + reach), 2 * reach
-    while far - near > 1:
-        middle = (near + far) // 2
-        near, far = (near, middle) if _is_under(middle, threshold) else (middle, far)
-    return float(np.int32(far).view(np.float32))
-
-
-_INFINITE = int(np.float32(np.inf).view(np.int32))
-
-
-def _is_under(bits: int, threshold: float) -> bool:
-    distance = torch.from_numpy(np.array([bits], np.int32).view(np.float32))
-    return bool(torch.exp(-distance) < threshold)
 
 
 def scratch(dimensions: int) -> NDArray[np.float32]:
