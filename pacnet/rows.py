@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-_FEWEST = 64  # rows there is room for
+_FEWEST = 128  # rows there is room for
 
 
 class Column(NamedTuple):

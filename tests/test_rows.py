@@ -27,7 +27,7 @@ def test_capacity_grows_seldom():
     for number in range(1000):
         rows.append({"point": torch.zeros(2), "number": number})
         capacities.append(rows.capacity)
-    assert len(set(capacities)) == 5  # 64, 128, …, 1024
+    assert len(set(capacities)) == 4  # 128, 256, 512, 1024
 
 
 def test_delete_moves_later_rows_down_in_order_in_every_column():
