@@ -12,6 +12,7 @@ PROJECT = Path(__file__).parents[1]
 LEFT_OUT = (
     "matplotlib",
     "lerobot",
+    "numba",
     "pyarrow",
     "dm_control",
     "gymnasium",
