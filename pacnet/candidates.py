@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 
 from pacnet.forward_model import Command, Selection
-from pacnet.validation import check_fields, check_rows, is_integer, is_number
+from pacnet.validation import batch_of_one, check_fields, check_rows, is_integer, is_number
 
 
 class Outcomes(NamedTuple):
@@ -110,8 +110,12 @@ def select(
         ValueError: a tensor of the wrong shape, dtype or device, or not finite.
     """
     offered = model.candidates if candidates is None else candidates
-    target = check_rows("target", _row(target), model.config.state_dimensions, model.candidates)
-    choice = _choose(model.outcomes(_row(state), offered), target, model.config.abstain_below)
+    target = check_rows(
+        "target", batch_of_one(target), model.config.state_dimensions, model.candidates
+    )
+    choice = _choose(
+        model.outcomes(batch_of_one(state), offered), target, model.config.abstain_below
+    )
     index = int(choice.best)
     return Selection(
         offered[index].clone(), index, choice.costs[0], float(choice.spread), bool(choice.abstained)
@@ -156,11 +160,6 @@ def _choose(outcomes: Outcomes, targets: Tensor, abstain_below: float) -> _Choic
     spread = (apart.sum(dim=1) / divisor[:, 0]).sqrt()  # [B]
     too_few = number < min(2, known.shape[1])
     return _Choice(costs, costs.argmin(dim=1), spread, too_few | (spread < abstain_below))
-
-
-def _row(value: Any) -> Any:
-    """One row as a batch of one, for `check_rows`, which refuses what is no tensor."""
-    return value[None] if isinstance(value, Tensor) else value
 
 
 def _are_actions(rows: object, columns: int) -> bool:

@@ -28,7 +28,7 @@ from pacnet.recognition import Recognition, Understanding, Watcher
 from pacnet.schemas import NO_EPISODE, MotorSchemas, MotorSchemasConfig
 from pacnet.sequences import Samples
 from pacnet.sofm import HabituatingSOFM
-from pacnet.validation import check_rows
+from pacnet.validation import batch_of_array, check_rows
 
 _LAST_EPISODE = 2**63 - 1  # that an int64 holds
 _AT_ONCE = 1024  # samples learned between two chances for a Ctrl-C
@@ -276,11 +276,9 @@ class PACNet(nn.Module):
         if single and hasattr(model, "command_one"):  # what isinstance takes 20 µs to say
             return cast(OneStateForwardModel, model).command_one(state, target)
         # Copies: what the caller does with its arrays is nothing to the forward model.
-        one = torch.from_numpy(state.copy()) if isinstance(state, np.ndarray) else state
-        states = one[None] if isinstance(one, Tensor) else one
-        states = _checked_states(states, self.sofm.scale[None])
+        states = _checked_states(batch_of_array(state), self.sofm.scale[None])
         with torch.no_grad():
-            action, given = model.command(states, torch.from_numpy(target.copy())[None].to(states))
+            action, given = model.command(states, batch_of_array(target).to(states))
         return action[0].numpy(force=True).copy() if bool(given) else None
 
     @torch.no_grad()

@@ -26,7 +26,7 @@ from pacnet.attention import (
 from pacnet.engine import Engine, check_engine, runs_compiled
 from pacnet.rows import Column, GrowableRows
 from pacnet.sofm_config import LARGEST_PERCEPT, SOFMConfig
-from pacnet.validation import check_form, check_rows
+from pacnet.validation import batch_of_array, check_form, check_rows
 
 if TYPE_CHECKING:
     from pacnet.compiled_sofm import CompiledSOFM
@@ -136,8 +136,7 @@ class HabituatingSOFM(nn.Module):
         compiled = self.compiled()
         if compiled is not None:
             return compiled.step(percept, learns=self.training)
-        one = torch.from_numpy(percept.copy()) if isinstance(percept, np.ndarray) else percept
-        observation = self.observe(one[None] if isinstance(one, Tensor) else one)
+        observation = self.observe(batch_of_array(percept))
         return Step._make(field.item() for field in observation)
 
     def look(self, percept: NDArray[np.float32] | Tensor) -> tuple[Step, NDArray[np.float32]]:
@@ -148,9 +147,8 @@ class HabituatingSOFM(nn.Module):
         compiled = self.compiled()
         if compiled is not None:
             return compiled.step(percept, learns=False), compiled.scaled
-        one = torch.from_numpy(percept.copy()) if isinstance(percept, np.ndarray) else percept
         with torch.no_grad():
-            scaled = self.scaled(one[None] if isinstance(one, Tensor) else one)
+            scaled = self.scaled(batch_of_array(percept))
             reading = [field.item() for field in self.read(scaled)]
         step = Step._make((*reading, False, False, True, False, 0))  # it ignores what it reads
         return step, scaled[0].numpy(force=True)

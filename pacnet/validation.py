@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -46,6 +48,16 @@ def check_rows(name: str, value: object, columns: int, like: Tensor) -> Tensor:
         row = int((~finite).any(dim=1).nonzero()[0])
         raise ValueError(f"expected finite {name}, got {value[row].tolist()} in row {row}")
     return value
+
+
+def batch_of_one(row: Any) -> Any:
+    """A row `[D]` as `[1, D]`; what is no tensor stays, for `check_rows` to refuse."""
+    return row[None] if isinstance(row, Tensor) else row
+
+
+def batch_of_array(row: Any) -> Any:
+    """The same of a row that may also be an array, which is copied."""
+    return batch_of_one(torch.from_numpy(row.copy()) if isinstance(row, np.ndarray) else row)
 
 
 def check_fields(config: object, checks: dict[str, tuple[bool, str]]) -> None:
