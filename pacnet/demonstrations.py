@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -11,7 +11,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pacnet.lerobot_files import DatasetError, read_frames, read_info, read_tasks
+from pacnet.encoded_images import Encoder, encode_images
+from pacnet.lerobot_files import PICTURES, DatasetError, read_frames, read_info, read_tasks
+
+STATE, ENVIRONMENT_STATE, ACTION = (
+    "observation.state", "observation.environment_state", "action",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +29,7 @@ class Demonstration:
         state: What was perceived of the demonstrator, [T, S].
         environment_state: What was perceived of the surroundings, [T, E]; E is 0 without it.
         action: What the demonstrator did or aimed at, [T, A].
+        encoded: What encoders made of its images, [T, F]; None without any.
     """
 
     episode: int
@@ -31,11 +37,13 @@ class Demonstration:
     state: Tensor  # [T, S] float32
     environment_state: Tensor  # [T, E] float32
     action: Tensor  # [T, A] float32
+    encoded: Tensor | None = None  # [T, F] float32
 
     @property
     def percepts(self) -> Tensor:
-        """State and environment state side by side, [T, S + E]."""
-        return torch.cat([self.state, self.environment_state], dim=1)
+        """State, environment state and encoded images side by side, [T, S + E + F]."""
+        parts = [self.state, self.environment_state]
+        return torch.cat(parts if self.encoded is None else [*parts, self.encoded], dim=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +52,27 @@ class Demonstrations:
 
     Attributes:
         fps: Frames per second [1/s].
-        names: Feature name -> names of its dimensions.
+        names: Feature name -> names of its dimensions, in the order of the percepts.
         episodes: The demonstrations.
+        source: Name of the dataset that they are from.
+        action: The feature that is their action; all others are perceived.
     """
 
     fps: float
     names: Mapping[str, tuple[str, ...]]
     episodes: tuple[Demonstration, ...]
+    source: str = "demonstrations"
+    action: str = ACTION
+
+    @property
+    def percept_names(self) -> dict[str, tuple[str, ...]]:
+        """Feature -> names of its dimensions, of what a percept is made of, in its order."""
+        return {name: parts for name, parts in self.names.items() if name != self.action}
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of an action's dimensions."""
+        return self.names[self.action]
 
     def __iter__(self) -> Iterator[Demonstration]:
         """The demonstrations, one after the other."""
@@ -64,18 +86,29 @@ class Demonstrations:
 def load_demonstrations(
     root: str | Path,
     *,
-    state: str = "observation.state",
-    environment_state: str | None = "observation.environment_state",
-    action: str = "action",
+    state: str = STATE,
+    environment_state: str | None = ENVIRONMENT_STATE,
+    action: str = ACTION,
+    encoders: Mapping[str, Encoder] | None = None,
 ) -> Demonstrations:
     """Read every episode of a LeRobot dataset; needs pyarrow (the extra `datasets`).
+
+    Images are left alone, or seen through encoders. These need LeRobot, which decodes the images.
+
+    Example:
+        ```python
+        demonstrations = load_demonstrations("drinking", environment_state=None)
+        demonstrations = load_demonstrations("drinking", encoders={"observation.images.top": net})
+        ```
 
     Args:
         root: The dataset's folder, the one that holds `meta/` and `data/`.
         state: Feature that becomes `Demonstration.state`.
-        environment_state: Feature that becomes `Demonstration.environment_state`; None for a
-            dataset that has none.
+        environment_state: Feature that becomes `Demonstration.environment_state`, or None; where
+            it is not told otherwise, a dataset may lack it.
         action: Feature that becomes `Demonstration.action`.
+        encoders: Image or video feature -> what makes a vector [F] of each of its images, a tensor
+            of shape [channels, height, width] from 0 to 1. They become `Demonstration.encoded`.
 
     Returns:
         The demonstrations, float32 tensors on the CPU.
@@ -85,9 +118,13 @@ def load_demonstrations(
             than v3.0, a feature is missing or not a vector of numbers, the counts in
             `meta/info.json` do not match the frames found, the episodes' numbers do not ascend,
             or a value is not finite.
+        ValueError: An encoder for a feature that is no image or video, or one that gives something
+            else than finite vectors of one length.
     """
     root = Path(root)
     info = read_info(root)
+    if environment_state == ENVIRONMENT_STATE and environment_state not in info["features"]:
+        environment_state = None
     features = [name for name in (state, environment_state, action) if name is not None]
     names = {feature: _dimension_names(info, feature) for feature in features}
     frames = read_frames(root, {feature: len(names[feature]) for feature in features})
@@ -110,7 +147,29 @@ def load_demonstrations(
             strict=True,
         )
     )
-    return Demonstrations(info["fps"], names, episodes)
+    if encoders:
+        episodes = _with_encoded(root, info, encoders, names, episodes)
+    return Demonstrations(info["fps"], names, episodes, root.resolve().name, action)
+
+
+def _with_encoded(
+    root: Path,
+    info: dict[str, Any],
+    encoders: Mapping[str, Encoder],
+    names: dict[str, tuple[str, ...]],
+    episodes: tuple[Demonstration, ...],
+) -> tuple[Demonstration, ...]:
+    """The episodes with encoded images; their dimensions are added to the names."""
+    encoded = encode_images(root, info, encoders)
+    names |= {
+        feature: tuple(f"{feature}.{place}" for place in range(rows.shape[1]))
+        for feature, rows in encoded.items()
+    }
+    lengths = [len(episode.state) for episode in episodes]
+    parts = torch.cat(list(encoded.values()), dim=1).split(lengths)
+    return tuple(
+        replace(episode, encoded=part) for episode, part in zip(episodes, parts, strict=True)
+    )
 
 
 def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
@@ -123,6 +182,11 @@ def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
     if not isinstance(description, dict):
         raise DatasetError(f"{wanted}, found the description {description!r}")
     dtype, shape, names = (description.get(key) for key in ("dtype", "shape", "names"))
+    if dtype in PICTURES:
+        raise DatasetError(
+            f"{wanted}, found {dtype}s of shape {shape}: percepts are made of them by an encoder, "
+            f"load_demonstrations(..., encoders={{{feature!r}: encoder}})"
+        )
     if not re.match("float|int", str(dtype)) or not _is_vector_shape(shape):
         raise DatasetError(f"{wanted}, found dtype {dtype}, shape {shape}")
     if isinstance(names, dict):  # some robots' datasets keep them as {"motors": [...]}

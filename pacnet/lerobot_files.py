@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 FORMAT_VERSION = "v3.0"
+PICTURES = ("image", "video")  # dtypes of features that are no numbers
 _INDEX_COLUMNS = ("index", "episode_index", "task_index")
 
 

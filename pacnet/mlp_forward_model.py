@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -286,7 +286,7 @@ class MLPForwardModel(nn.Module):
         Raises:
             ValueError: a weight or normaliser is not finite; nothing has been written.
         """
-        save_model(self, self.config, folder)
+        save_model(self, asdict(self.config), folder)
 
     @classmethod
     def from_pretrained(cls, folder: str | Path) -> MLPForwardModel:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,12 +16,12 @@ _KIND = "model"  # the field of the config document that names the class
 _Config = TypeVar("_Config")
 
 
-def save_model(model: nn.Module, config: Any, folder: str | Path) -> None:
+def save_model(model: nn.Module, fields: Mapping[str, Any], folder: str | Path) -> None:
     """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
 
     Args:
         model: whose state_dict is finite.
-        config: its dataclass, of what JSON can hold.
+        fields: of its config, of what JSON can hold.
         folder: made if it is missing; a checkpoint in it is replaced, other files stay.
 
     Raises:
@@ -29,7 +29,7 @@ def save_model(model: nn.Module, config: Any, folder: str | Path) -> None:
     """
     tensors = model.state_dict()
     _check_finite(tensors)
-    write_checkpoint(folder, {_KIND: type(model).__name__, **asdict(config)}, tensors)
+    write_checkpoint(folder, {_KIND: type(model).__name__, **fields}, tensors)
 
 
 def read_model(folder: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, Tensor]]:

@@ -363,7 +363,7 @@ class PACNet(nn.Module):
             ValueError: the network's tensors contradict one another; nothing has been written.
         """
         tensors = self.state_dict()  # which closes the gaps between the schemas' sequences
-        check_integrity(self.sofm, self.schemas)
+        self.check_integrity()
         own = {name: t for name, t in tensors.items() if not name.startswith("forward_model.")}
         write_checkpoint(folder, asdict(self.config), own)
 
@@ -402,11 +402,19 @@ class PACNet(nn.Module):
                 )
         try:
             network.load_state_dict(tensors)
-            check_integrity(network.sofm, network.schemas)
+            network.check_integrity()
         except (RuntimeError, ValueError) as error:
             raise ValueError(f"expected the tensors of a PACNet in '{folder}': {error}") from error
         network.forward_model = forward_model
         return network
+
+    def check_integrity(self) -> None:
+        """Checks that the tensors of a `state_dict` mean something together.
+
+        Raises:
+            ValueError: naming the first thing that does not hold.
+        """
+        check_integrity(self.sofm, self.schemas)
 
     def _check_episode(self, episode: int) -> None:
         if isinstance(episode, bool) or not hasattr(episode, "__index__"):

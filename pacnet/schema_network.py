@@ -8,6 +8,7 @@ designer's arbitrary choice, which is what attention (`PACNet`) does away with.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
@@ -248,7 +249,7 @@ class SchemaNetwork(nn.Module):
         bare = SchemaNetwork(self.config).to(self.scale.dtype)  # without the forward model
         own = self.state_dict()
         bare.load_state_dict({n: t for n, t in own.items() if not n.startswith("forward_model.")})
-        save_model(bare, self.config, folder)
+        save_model(bare, asdict(self.config), folder)
 
     @classmethod
     def from_pretrained(

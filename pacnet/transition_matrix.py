@@ -8,7 +8,7 @@ paper does not say what its states and actions are; here they are clusters found
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -216,7 +216,7 @@ class TransitionMatrix(nn.Module):
         Raises:
             ValueError: a centroid is not finite; nothing has been written.
         """
-        save_model(self, self.config, folder)
+        save_model(self, asdict(self.config), folder)
 
     @classmethod
     def from_pretrained(cls, folder: str | Path) -> TransitionMatrix:

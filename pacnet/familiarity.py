@@ -1,0 +1,187 @@
+"""Whether a percept is like what was learned, in each dimension: what is new, and by how much.
+
+A percept is compared with the nearest of all percepts that were learned. By how much demonstrations
+of the same thing differ is learned too, so that nobody has to set a threshold for every dimension.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from pacnet.rows import Column, GrowableRows
+from pacnet.validation import is_integer
+
+MARGIN = 4.0  # times what is usual is tolerated
+RATE = 0.2  # per percept, at which deviations are followed: noise averages out over some ten
+_MOVEMENT = 0.99  # quantile of the changes from frame to frame, which one demonstration shows
+_LEAST_SHARE = 0.1  # of all dimensions' usual deviation that is usual in a dimension at least
+_LEAST = 1e-6  # usual in a dimension at least, scaled, where nothing ever changed
+_AT_ONCE = 2**18  # distances computed at once, which a cache holds
+
+
+class Judgement(NamedTuple):
+    """How far a percept is from what was learned, where it is farthest for what is usual there."""
+
+    novelty: float
+    """The deviation in size, over what is tolerated in its dimension; more than 1 is new."""
+    dimension: int
+    """In which a percept deviates most, for what is tolerated there."""
+    deviation: float
+    """By how much it is more than what is known, in that dimension, scaled; less if negative."""
+
+
+class Familiarity(nn.Module):
+    """Judges percepts, one after the other, by the percepts that were learned.
+
+    A percept's residual is its difference from the nearest percept known, dimension by dimension.
+    The deviation follows the residuals, from zero, so that one noisy frame does not make a
+    situation new. Before a further episode is learned, its largest deviation in each dimension is
+    noted. Of these, with what the first episode changed by from frame to frame, the lower median is
+    what is usual; a few times that is tolerated. So an episode of something new, such as a
+    correction, widens nothing as long as no more than half of all are like that.
+
+    Args:
+        dimensions: length D of a percept.
+
+    Raises:
+        ValueError: not an integer ≥ 1.
+
+    Example:
+        >>> familiarity = Familiarity(2)
+        >>> known = np.float32([[0.0, 5.0], [0.1, 5.0], [0.2, 5.0]])
+        >>> familiarity.learn(known, None)
+        nan
+        >>> [familiarity.judge(np.float32([0.1, 6.0]), known).novelty > 1 for _ in range(3)]
+        [True, True, True]
+        >>> familiarity.judge(np.float32([0.1, 6.0]), known).dimension
+        1
+    """
+
+    usual: Tensor
+
+    def __init__(self, dimensions: int) -> None:
+        super().__init__()
+        if not is_integer(dimensions, 1):
+            raise ValueError(f"expected dimensions as an integer ≥ 1, got {dimensions!r}")
+        self.dimensions = dimensions
+        self.episodes = GrowableRows({"deviation": Column((dimensions,), torch.float32)})
+        self.register_buffer("usual", torch.full((dimensions,), _LEAST))  # scaled
+        self.reset()
+
+    @property
+    def tolerance(self) -> NDArray[np.float32]:
+        """The deviation at which a dimension is new, scaled `[D]`."""
+        return MARGIN * self.usual.numpy(force=True)
+
+    def reset(self) -> None:
+        """Starts a new recall episode: percepts judged before are forgotten."""
+        self._deviation = np.zeros(self.dimensions, np.float32)
+
+    @torch.no_grad()
+    def learn(
+        self, percepts: NDArray[np.float32], cues: NDArray[np.float32] | None
+    ) -> float:
+        """Learns what is usual from an episode, before the episode itself is learned.
+
+        In eval mode nothing is learned.
+
+        Args:
+            percepts: of the episode, scaled, `[T, D]`, in order of time.
+            cues: all percepts that were learned before, scaled, `[R, D]`; None if there are none.
+
+        Returns:
+            The largest novelty in the episode, by what was usual before it; NaN without cues.
+
+        Raises:
+            ValueError: of the wrong shape, no percepts, or not finite; nothing was learned then.
+        """
+        self._check("percepts", percepts, least=1)
+        if cues is None or len(cues) == 0:
+            largest, novelty = _movement(percepts), math.nan
+        else:
+            self._check("cues", cues, least=1)
+            largest = _largest_deviation(percepts, cues)
+            novelty = float((largest / self.tolerance).max())
+        if self.training:
+            self._note(largest)
+        return novelty
+
+    def judge(self, percept: NDArray[np.float32], cues: NDArray[np.float32]) -> Judgement:
+        """Judges one percept; goes on from the last call, and learns nothing.
+
+        Args:
+            percept: scaled, `[D]`.
+            cues: all percepts that were learned, scaled, `[R, D]`; without any, all is new.
+
+        Raises:
+            ValueError: of the wrong shape or not finite; nothing has changed.
+        """
+        if cues.ndim != 2 or cues.shape[1:] != percept.shape or len(percept) != self.dimensions:
+            raise ValueError(
+                f"expected a percept [{self.dimensions}] and cues [rows, {self.dimensions}], "
+                f"got {list(percept.shape)} and {list(cues.shape)}"
+            )
+        if not np.isfinite(percept).all():
+            raise ValueError(f"expected a finite percept, got {percept.tolist()}")
+        if len(cues) == 0:
+            return Judgement(math.inf, 0, math.inf)
+        apart = percept - cues
+        nearest = np.einsum("rd,rd->r", apart, apart).argmin()
+        self._deviation += RATE * (apart[nearest] - self._deviation)
+        ratio = np.abs(self._deviation) / self.tolerance
+        dimension = int(ratio.argmax())
+        return Judgement(float(ratio[dimension]), dimension, float(self._deviation[dimension]))
+
+    def _note(self, largest: NDArray[np.float32]) -> None:
+        """Takes in the largest deviations of one more episode `[D]`."""
+        with torch.inference_mode(False):
+            self.episodes.append({"deviation": torch.from_numpy(largest)})
+            # The lower median, which torch takes: between two episodes, the calmer one.
+            usual = self.episodes.live("deviation").median(dim=0).values
+            overall = float(usual.square().mean().sqrt())
+            self.usual.copy_(usual.clamp(min=max(_LEAST, _LEAST_SHARE * overall)))
+
+    def _check(self, name: str, rows: NDArray[np.float32], least: int) -> None:
+        if rows.ndim != 2 or rows.shape[1] != self.dimensions or len(rows) < least:
+            raise ValueError(
+                f"expected {name} of shape [rows ≥ {least}, {self.dimensions}], "
+                f"got {list(rows.shape)}"
+            )
+        if not np.isfinite(rows).all():
+            raise ValueError(f"expected finite {name}, got others among them")
+
+
+def _movement(percepts: NDArray[np.float32]) -> NDArray[np.float32]:
+    """How much an episode `[T, D]` changes from frame to frame `[D]`, noise included."""
+    if len(percepts) < 2:
+        return np.zeros(percepts.shape[1], np.float32)
+    steps = np.abs(np.diff(percepts, axis=0))
+    return np.quantile(steps, _MOVEMENT, axis=0).astype(np.float32)
+
+
+def _largest_deviation(
+    percepts: NDArray[np.float32], cues: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """The largest size that the deviation comes to in each dimension `[D]`."""
+    deviation, largest = np.zeros((2, percepts.shape[1]), np.float32)
+    for residual in percepts - cues[_nearest(percepts, cues)]:
+        deviation += RATE * (residual - deviation)
+        np.maximum(largest, np.abs(deviation), out=largest)
+    return largest
+
+
+def _nearest(percepts: NDArray[np.float32], cues: NDArray[np.float32]) -> NDArray[np.int64]:
+    """The number of the cue `[R, D]` that is nearest to each percept `[T, D]`."""
+    # |x − c|² without |x|², which is the same for all; around their middle, where little is lost.
+    middle = cues.mean(axis=0, dtype=np.float64).astype(np.float32)
+    known = torch.from_numpy(cues - middle)
+    squares = known.square().sum(dim=1)
+    parts = torch.from_numpy(percepts - middle).split(max(1, _AT_ONCE // len(cues)))
+    distances = (torch.addmm(squares, part, known.T, alpha=-2).numpy() for part in parts)
+    return np.concatenate([rows.argmin(axis=1) for rows in distances])  # faster than torch's

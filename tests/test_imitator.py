@@ -1,0 +1,259 @@
+"""Claims about the imitator: settings from the data, names, lessons, going on, holding back."""
+
+from __future__ import annotations
+
+import json
+import math
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from pacnet.demonstrations import Demonstration, Demonstrations
+from pacnet.imitator import Imitator, Lesson
+
+FPS = 50
+NAMES = {
+    "observation.state": ("shoulder", "elbow"),
+    "observation.environment_state": ("glass.x",),
+    "action": ("shoulder", "elbow"),
+}
+FRAMES = 300
+
+
+def reach(seed: int, glass: float = 0.0, task: str = "reach") -> Demonstration:
+    """An arm that swings out and back once, beside a glass, with a little noise."""
+    generator = torch.Generator().manual_seed(seed)
+    phase = torch.linspace(0, 2 * math.pi, FRAMES)
+    path = torch.stack([0.5 - 0.5 * phase.cos(), 0.5 * phase.sin()], dim=1)
+    state = path + 0.01 * torch.randn(FRAMES, 2, generator=generator)
+    place = glass + 0.005 * torch.randn(FRAMES, 1, generator=generator)
+    return Demonstration(seed, task, state, place, path.roll(-1, dims=0))
+
+
+def shown(*episodes: Demonstration, source: str = "reaching") -> Demonstrations:
+    return Demonstrations(FPS, NAMES, episodes, source)
+
+
+@pytest.fixture(scope="module")
+def demonstrations() -> Demonstrations:
+    return shown(*(reach(seed) for seed in range(4)))
+
+
+@pytest.fixture(scope="module")
+def taught(demonstrations: Demonstrations) -> Imitator:
+    imitator = Imitator.untaught(demonstrations)
+    imitator.learn(demonstrations)
+    return imitator
+
+
+def follow(imitator: Imitator, percepts: Tensor) -> list:
+    imitator.reset()
+    return [imitator.step(percept) for percept in percepts]
+
+
+def test_it_does_what_was_shown_where_it_was_shown(taught: Imitator):
+    new = reach(100)
+    steps = follow(taught, new.percepts)
+    assert not any(step.is_novel for step in steps)
+    acted = [number for number, step in enumerate(steps) if step.action is not None]
+    assert len(acted) > 0.95 * FRAMES
+    wrong = [np.abs(steps[number].action - new.action[number].numpy()).max() for number in acted]
+    assert np.median(wrong) < 0.05
+    assert max(wrong) < 0.2
+
+
+def test_it_does_nothing_where_the_percept_is_new_and_says_what_is(taught: Imitator):
+    steps = follow(taught, reach(100, glass=0.15).percepts)[10:]
+    assert all(step.action is None and step.is_novel for step in steps)
+    assert {step.dimension for step in steps} == {"glass.x"}
+    assert all(step.novelty > 1 for step in steps)
+
+
+def test_a_correction_makes_the_new_place_known_and_forgets_nothing(taught: Imitator):
+    imitator = deepcopy(taught)
+    imitator.learn(shown(*(reach(seed, glass=0.15) for seed in (50, 51)), source="corrections"))
+    for glass in (0.0, 0.15):
+        steps = follow(imitator, reach(100, glass).percepts)
+        assert np.mean([step.action is not None for step in steps]) > 0.9
+    between = follow(imitator, reach(100, glass=0.075).percepts)[10:]
+    assert all(step.is_novel for step in between)
+
+
+def test_lessons_tell_what_was_learned(demonstrations: Demonstrations):
+    imitator = Imitator.untaught(demonstrations)
+    first = imitator.learn(demonstrations)
+    later = imitator.learn(shown(reach(7, glass=0.5, task="reach far"), source="later"))
+    assert imitator.lessons == first + later
+    assert [lesson.episode for lesson in imitator.lessons] == [0, 1, 2, 3, 7]
+    assert later[0].dataset == "later"
+    assert later[0].task == "reach far"
+    assert later[0].frames == FRAMES
+    assert math.isnan(first[0].unfamiliar)
+    assert later[0].unfamiliar > 1
+    assert sum(lesson.new_nodes for lesson in imitator.lessons) == len(imitator.network.sofm)
+    assert later[0].nodes == len(imitator.network.sofm)
+    assert imitator.network.behaviours == ("reach", "reach far")
+
+
+def test_learning_at_once_equals_learning_one_after_the_other(demonstrations: Demonstrations):
+    at_once, piecemeal = (Imitator.untaught(demonstrations) for _ in range(2))
+    at_once.learn(demonstrations)
+    for episode in demonstrations:
+        piecemeal.learn(shown(episode))
+    assert_same(at_once, piecemeal)
+
+
+def test_the_scale_stays_what_it_was(taught: Imitator):
+    imitator = deepcopy(taught)
+    before = imitator.network.sofm.scale.clone()
+    imitator.learn(shown(replace(reach(9), environment_state=torch.full((FRAMES, 1), 40.0))))
+    assert torch.equal(imitator.network.sofm.scale, before)
+
+
+def test_progress_is_told_in_frames(demonstrations: Demonstrations):
+    told = []
+    Imitator.untaught(demonstrations).learn(demonstrations, told.append)
+    assert sum(told) == 4 * FRAMES
+
+
+def test_the_first_action_is_the_mean_of_the_first_ones(taught: Imitator):
+    assert torch.allclose(taught.first_action, reach(0).action[0])
+    imitator = deepcopy(taught)
+    other = reach(5)
+    imitator.learn(shown(replace(other, action=other.action + 5.0)))
+    assert torch.allclose(imitator.first_action, reach(0).action[0] + 1.0)
+
+
+def test_saved_and_loaded_it_is_the_same(taught: Imitator, tmp_path: Path):
+    taught.save_pretrained(tmp_path / "checkpoint")
+    loaded = Imitator.from_pretrained(tmp_path / "checkpoint")
+    assert loaded.lessons == taught.lessons or math.isnan(loaded.lessons[0].unfamiliar)
+    assert loaded.lessons[1:] == taught.lessons[1:]
+    assert isinstance(loaded.lessons[0], Lesson)
+    assert loaded.config == taught.config
+    percepts = torch.cat([reach(100).percepts[:150], reach(101, glass=0.2).percepts[:20]])
+    for ours, theirs in zip(follow(taught, percepts), follow(loaded, percepts), strict=True):
+        assert (ours.action is None) == (theirs.action is None)
+        assert ours.action is None or np.array_equal(ours.action, theirs.action)
+        assert (ours.novelty, ours.dimension) == (theirs.novelty, theirs.dimension)
+    for imitator in (taught := deepcopy(taught), loaded):
+        imitator.learn(shown(reach(6, glass=0.3)))
+    assert_same(taught, loaded)
+
+
+def test_other_checkpoints_are_refused(taught: Imitator, tmp_path: Path):
+    taught.network.save_pretrained(tmp_path)
+    with pytest.raises(ValueError, match="expected a checkpoint of Imitator"):
+        Imitator.from_pretrained(tmp_path)
+
+
+def test_a_checkpoint_with_a_field_too_many_is_refused(taught: Imitator, tmp_path: Path):
+    from pacnet.checkpoint import read_checkpoint, write_checkpoint
+
+    taught.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    write_checkpoint(tmp_path, {**fields, "speed": 3}, tensors)
+    with pytest.raises(ValueError, match=r"expected the fields of ImitatorConfig.*speed"):
+        Imitator.from_pretrained(tmp_path)
+
+
+def test_a_checkpoint_without_a_tensor_is_refused(taught: Imitator, tmp_path: Path):
+    from pacnet.checkpoint import read_checkpoint, write_checkpoint
+
+    taught.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    del tensors["first_action"]
+    write_checkpoint(tmp_path, fields, tensors)
+    with pytest.raises(ValueError, match=r"expected the tensors of an Imitator.*first_action"):
+        Imitator.from_pretrained(tmp_path)
+
+
+def test_the_config_is_json(taught: Imitator, tmp_path: Path):
+    taught.save_pretrained(tmp_path)
+    config = json.loads((tmp_path / "config.json").read_text())["config"]
+    assert config["percepts"]["observation.state"] == ["shoulder", "elbow"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fps": 30}, "expected 50 frames per second, as learned before, got 30"),
+        (
+            {"names": {**NAMES, "observation.environment_state": ("glass.y",)}},
+            "expected 'observation.environment_state' with the dimensions glass.x, as learned "
+            "before, got glass.y",
+        ),
+        ({"names": {**NAMES, "action": ("a", "b")}}, "expected 'action' with the dimensions"),
+        ({"names": {k: NAMES[k] for k in ("observation.state", "action")}}, "got none"),
+    ],
+)
+def test_other_demonstrations_are_refused_before_anything_is_learned(
+    taught: Imitator, demonstrations: Demonstrations, change: dict, message: str
+):
+    imitator = deepcopy(taught)
+    with pytest.raises(ValueError, match=message):
+        imitator.learn(replace(demonstrations, **change))
+    assert_same(imitator, taught)
+
+
+@pytest.mark.parametrize(
+    "percept", [np.zeros(2, "f4"), np.full(3, np.nan, "f4"), np.zeros(3), torch.zeros(1, 3)]
+)
+def test_other_percepts_are_refused(taught: Imitator, percept: object):
+    imitator = deepcopy(taught)
+    imitator.reset()
+    with pytest.raises(ValueError, match="percept"):
+        imitator.step(percept)
+
+
+def test_before_anything_was_learned_nothing_is_done(demonstrations: Demonstrations):
+    step = Imitator.untaught(demonstrations).step(demonstrations.episodes[0].percepts[0])
+    assert step.action is None
+    assert step.is_novel
+
+
+def test_nodes_settle_in_time_not_in_frames():
+    at = {}
+    for fps in (10, 50):
+        episodes = Demonstrations(fps, NAMES, (reach(0),), "reaching")
+        at[fps] = Imitator.untaught(episodes).config.network.attention.winner_tau
+    assert at == {10: 1.0, 50: 5.0}
+
+
+def pushed() -> Demonstration:
+    """A point on a line that is pushed by ±0.02 a frame: to and fro at first, then to 6."""
+    actions = torch.tensor(5 * (10 * [0.02] + 10 * [-0.02]) + 300 * [0.02])
+    state = torch.cat([torch.zeros(1), actions.cumsum(0)[:-1]])
+    return Demonstration(0, "go", state[:, None], torch.empty(400, 0), actions[:, None])
+
+
+def test_states_as_targets_are_reached_through_a_forward_model():
+    names = {"observation.state": ("place",), "action": ("push",)}
+    demonstrations = Demonstrations(FPS, names, (pushed(), pushed()), "going")
+    imitator = Imitator.untaught(demonstrations, targets="state", lead=5)
+    imitator.learn(demonstrations)
+    candidates = torch.tensor(imitator.config.forward_model.candidates)
+    assert torch.allclose(candidates, torch.tensor([[-0.02], [0.02]]))
+    place = 1.0
+    for _ in range(100):
+        action = imitator.step(np.float32([place])).action
+        place += 0.0 if action is None else float(action[0])
+    assert place == pytest.approx(3.0, abs=0.2)
+
+
+def test_states_as_targets_need_actions_that_differ(demonstrations: Demonstrations):
+    still = [replace(one, action=torch.zeros_like(one.action)) for one in demonstrations]
+    with pytest.raises(ValueError, match="expected actions that differ"):
+        Imitator.untaught(shown(*still), targets="state")
+
+
+def assert_same(ours: Imitator, theirs: Imitator) -> None:
+    tensors = theirs.state_dict()
+    assert set(ours.state_dict()) == set(tensors)
+    for name, tensor in ours.state_dict().items():
+        assert torch.equal(tensor, tensors[name]), name
