@@ -111,15 +111,17 @@ class Belief:
         self.probability = timeline.start  # [E, P]
         self._begun = False
         self._ahead: Tensor | None = None
+        self._restart = config.restart * timeline.start
+        self._chances = timeline.advance.flip(1)[:, None].contiguous()  # [E, 1, K]
 
     def ahead(self) -> Tensor:
         """The belief one sample on, before anything new is seen, `[E, P]`."""
         if self._ahead is None:
-            steps, places = self.timeline.advance.shape[1], self.probability.shape[1]
-            beyond = torch.nn.functional.pad(self.probability, (steps - 1, steps - 1))
+            places, steps = self.probability.shape[1], self._chances.shape[2] - 1
+            beyond = torch.nn.functional.pad(self.probability, (steps, steps))
             # Every place's share of those up to `steps` before it: a convolution in each episode.
-            kernel = self.timeline.advance.flip(1)[:, None]  # [E, 1, K]
-            ahead = torch.nn.functional.conv1d(beyond[None], kernel, groups=len(kernel))[0]
+            before = beyond.unfold(1, places + steps, 1).contiguous()  # [E, K, P + steps]
+            ahead = torch.bmm(self._chances, before)[:, 0]
             ahead[:, places - 1] = ahead[:, places - 1 :].sum(dim=1)  # at its end an episode stays
             self._ahead = ahead[:, :places] / ahead[:, :places].sum()
         return self._ahead
@@ -130,13 +132,13 @@ class Belief:
         Args:
             distances: of the percept from the cue of every row of the pool, `[R]`.
         """
-        fit = torch.exp(-((distances.double() / self.config.width) ** 2) / 2)
         expected = self.timeline.start
         if self._begun:
-            restart = self.config.restart
-            expected = (1 - restart) * self.ahead() + restart * self.timeline.start
-        weighed = expected * (fit[self.timeline.rows] + self.config.mismatch)
-        self.probability = weighed / weighed.sum()  # [E, P]
+            expected = self._restart + (1 - self.config.restart) * self.ahead()
+        apart = distances.take(self.timeline.rows).double()  # [E, P]; not of all R rows
+        fit = apart.div_(self.config.width).square_().div_(-2).exp_()
+        weighed = fit.add_(self.config.mismatch).mul_(expected)
+        self.probability = weighed.div_(weighed.sum())  # [E, P]
         self._begun, self._ahead = True, None
 
     def of_episodes(self) -> Tensor:

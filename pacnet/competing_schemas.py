@@ -17,7 +17,10 @@ from pacnet.attention import NOBODY
 from pacnet.belief import Belief, Timeline
 from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.competition import Competition, CompetitionConfig
-from pacnet.retraining import OPEN, settle
+from pacnet.explanation import Origin, Rival, origins_of, rivals_of
+from pacnet.node_schemas import NodeSchemas
+from pacnet.passes import take_in
+from pacnet.retraining import settle
 from pacnet.rows import Column, GrowableRows
 from pacnet.sequences import NUMBER, RecalledTarget, Samples, Sequences, close_gaps
 from pacnet.timeline import lay_out
@@ -104,6 +107,7 @@ class CompetingSchemas(Sequences):
     def _changed(self) -> None:
         """After a change of what is remembered: a recall in progress starts afresh."""
         self._timeline: Timeline | None = None
+        self._at_nodes: dict[int, NodeSchemas | None] = {}  # at those that have won since
         self.reset()
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> CompetingSchemas:
@@ -182,37 +186,24 @@ class CompetingSchemas(Sequences):
         if not self.training:
             return
         self._check(node, target, cue, activation)
-        self._changed()
-        self._write(node if habituated else NOBODY, target, cue, activation)
+        sample = Samples(
+            node=torch.tensor([node], device=cue.device),
+            activation=cue.new_tensor([activation]),
+            habituated=torch.tensor([habituated], device=cue.device),
+            target=target[None],
+            cue=cue[None],
+        )
+        self._take_in(sample)
 
     @torch.no_grad()
     def write_samples(self, samples: Samples, _episode: int) -> None:
         """`write` for samples that the map has taken in, checked; nothing in eval mode."""
-        if not self.training:
-            return
-        self._changed()
-        nodes = samples.node.where(samples.habituated, NOBODY).tolist()
-        rows = zip(nodes, samples.target, samples.cue, samples.activation.tolist(), strict=True)
-        for row in rows:
-            self._write(*row)
+        if self.training:
+            self._take_in(samples)
 
-    def _write(self, node: int, target: Tensor, cue: Tensor, activation: float) -> None:
-        """One sample; the node is `NOBODY` where it is not habituated and keeps nothing."""
-        frame = int(self.episodes.live("samples")[-1])
-        self.episodes.live("samples")[-1] += 1
-        self.episodes.live("last_cue")[-1] = cue
-        recent = self._recent_passes(frame)
-        self.blocks.live("continuation")[self.passes.live("schema")[recent]] = cue
-        if node == NOBODY:
-            return
-        here = recent[self.blocks.live("node")[self.passes.live("schema")[recent]] == node]
-        number = int(here[0]) if len(here) else self._open(node, cue, frame)
-        schema = int(self.passes.live("schema")[number])
-        frames = torch.tensor([frame], device=cue.device)
-        self._append(schema, {"target": target[None], "cue": cue[None], "frame": frames})
-        fit = self.blocks.live("fit")[schema]
-        fit += (activation - fit) / self.lengths[schema]
-        self.passes.live("last")[number] = frame
+    def _take_in(self, samples: Samples) -> None:
+        self._changed()
+        take_in(self, samples)
 
     def _check(self, node: int, target: Tensor, cue: Tensor, activation: float) -> None:
         if len(self.episodes) == 0:
@@ -223,21 +214,6 @@ class CompetingSchemas(Sequences):
             raise ValueError(f"expected an activation from 0 to 1, got {activation}")
         check_rows("targets", target[None], self.config.target_dimensions, self.pool.live("target"))
         check_rows("cues", cue[None], self.config.percept_dimensions, self.pool.live("cue"))
-
-    def _recent_passes(self, frame: int) -> Tensor:
-        """Numbers of this episode's passes of which it is still seen what comes after."""
-        this = self.passes.live("episode") == len(self.episodes) - 1
-        since = frame - self.passes.live("last")
-        return (this & (since <= self.config.continuation)).nonzero().flatten()
-
-    def _open(self, node: int, cue: Tensor, frame: int) -> int:
-        """A new pass with a schema of its own; returns the number of the pass."""
-        row = {"start": 0, "length": 0, "room": 0, "node": node, "support": OPEN}
-        row |= {"typical_length": 0.0, "fit": 0.0, "continuation": cue}
-        schema, episode = self.blocks.append(row), len(self.episodes) - 1
-        return self.passes.append(
-            {"episode": episode, "schema": schema, "first": frame, "last": frame}
-        )
 
     def drop(self, schemas: Tensor) -> None:
         """Deletes schemas, int64 `[K]` ascending, and the passes through them."""
@@ -278,46 +254,70 @@ class CompetingSchemas(Sequences):
         if self._belief is None:
             self._belief = Belief(timeline, self.config.recognition)
         self._belief.update(distances)
-        schemas = self.schemas_of(node)
-        if len(schemas) == 0:
+        here = self._at_node(node, timeline)
+        if here is None:
             return None
-        self._incumbent = self._compete(schemas, distances, self._belief)
-        return None if self._incumbent == NOBODY else self._target(self._incumbent, distances)
+        confidences = here.confidences(distances, self._belief.probability)
+        place = self.competition.winner(confidences, here.place_of(self._incumbent))
+        self._incumbent = NOBODY if place == NOBODY else here.numbers[place]
+        return None if place == NOBODY else self._target(here, place, distances)
 
-    def _compete(self, schemas: Tensor, distances: Tensor, belief: Belief) -> int:
-        """Number of the most confident of these schemas, or `NOBODY`."""
-        starts, lengths = self.blocks.live("start")[schemas], self.lengths[schemas]
-        nearest = [
-            distances[start : start + length].amin()
-            for start, length in zip(starts.tolist(), lengths.tolist(), strict=True)
-        ]
-        fit = torch.exp(-torch.stack(nearest))  # [K]
-        through = self.passes.live("schema")
-        watched = belief.probability.new_zeros(len(self.blocks))
-        watched.index_add_(0, through, self._of_passes(belief))
-        confidence = watched[schemas].to(fit.dtype).clamp(max=1) * fit
-        incumbent = (schemas == self._incumbent).nonzero().flatten()
-        place = incumbent if len(incumbent) else torch.tensor([NOBODY], device=fit.device)
-        winner = int(self.competition(confidence[None], place))
-        return NOBODY if winner == NOBODY else int(schemas[winner])
+    @torch.no_grad()
+    def rivals(self, node: int, percept: Tensor) -> list[Rival]:
+        """The schemas of a node that competed for a percept, after its `recall`; changes nothing.
 
-    def _of_passes(self, belief: Belief) -> Tensor:
-        """The probability that what is watched is within each pass, `[passes]`."""
-        episode = self.passes.live("episode")
-        known = torch.searchsorted(belief.timeline.episode, episode)
-        samples, places = self.episodes.live("samples")[episode], belief.probability.shape[1]
-        first, last = self.passes.live("first"), self.passes.live("last")
-        first, end = first * places // samples, (last + 1) * places // samples - 1
-        last = torch.maximum(end, last * places // samples)  # a sample may span many places or none
-        until = torch.nn.functional.pad(belief.probability.cumsum(dim=1), (1, 0))
-        return until[known, last + 1] - until[known, first]
+        Args:
+            node: the winner, or `NOBODY`.
+            percept: `[D]`, scaled; the one that was recalled last.
 
-    def _target(self, schema: int, distances: Tensor) -> RecalledTarget:
-        start, length = int(self.blocks.live("start")[schema]), int(self.lengths[schema])
-        nearest = distances[start : start + length].argsort(stable=True)
-        nearest = nearest[: self.config.nearest_cues]
-        target = self.targets(schema)[nearest].mean(dim=0)
-        return RecalledTarget(target, int(nearest[0]), schema)
+        Returns:
+            The most confident first. With a margin, the incumbent may have won before it.
+
+        Raises:
+            ValueError: nothing was recalled since `reset`.
+        """
+        timeline = self.timeline()
+        if self._belief is None or timeline is None:
+            raise ValueError("expected a percept that was recalled, got none since reset")
+        here = self._at_node(node, timeline)
+        if here is None:
+            return []
+        return rivals_of(self, here, self.distances(percept), self._belief.probability)
+
+    def origins(self, schema: int, position: int) -> list[Origin]:
+        """The moments of demonstrations that a recalled target stands for.
+
+        Args:
+            schema: its number, as in `RecalledTarget` and `Decision`.
+            position: of the target in it.
+
+        Returns:
+            First the moment at which the target itself was shown; of several episodes that passed
+            the schema at the very same frames, the last one's. Then those at the same share of the
+            other passes through the schema, in order of time.
+
+        Raises:
+            ValueError: no such schema, or no such position.
+        """
+        return origins_of(self, schema, position)
+
+    def frames(self, schema: int) -> Tensor:
+        """The samples of their episode at which a schema's targets were shown, int64 `[L]`."""
+        return self._rows("frame", schema)
+
+    def _at_node(self, node: int, timeline: Timeline) -> NodeSchemas | None:
+        """The schemas of a node, laid out when it first wins; None if it has none."""
+        if node not in self._at_nodes:
+            numbers = self.schemas_of(node)
+            laid_out = NodeSchemas(self, numbers, timeline) if len(numbers) else None
+            self._at_nodes[node] = laid_out
+        return self._at_nodes[node]
+
+    def _target(self, here: NodeSchemas, place: int, distances: Tensor) -> RecalledTarget:
+        rows = here.rows_of(place)
+        nearest = distances[rows].argsort(stable=True)[: self.config.nearest_cues]
+        target = self.pool.get_buffer("target")[rows.start + nearest].mean(dim=0)
+        return RecalledTarget(target, int(nearest[0]), here.numbers[place])
 
 
 def _start_afresh(schemas: nn.Module, _incompatible_keys: object) -> None:

@@ -90,6 +90,24 @@ class Competition(nn.Module):
             _check_incumbents(incumbents, confidences)
         return self._winners(confidences, incumbents)
 
+    def winner(self, confidences: Tensor, incumbent: int = NOBODY) -> int:
+        """One competition, for a control loop: nothing is checked.
+
+        Args:
+            confidences: `[S]`, finite; S ≥ 1.
+            incumbent: who won before.
+
+        Returns:
+            The winner, or `NOBODY`.
+        """
+        winner = int(confidences.argmax())
+        highest = confidences[winner]
+        if self.config.margin > 0 and incumbent not in (NOBODY, winner):
+            own = confidences[incumbent]
+            if own >= self.config.threshold and highest <= own + self.config.margin:
+                return incumbent
+        return winner if highest >= self.config.threshold else NOBODY
+
     @torch.no_grad()
     def over_time(self, confidences: Tensor, incumbent: int = NOBODY) -> Tensor:
         """One competition along time: each winner, or `NOBODY`, is the next one's incumbent.

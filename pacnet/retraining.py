@@ -80,104 +80,133 @@ def settle(schemas: CompetingSchemas) -> None:
     Args:
         schemas: changed; those of the episode are the ones whose support is `OPEN`.
     """
-    support, lengths = schemas.blocks.live("support"), schemas.lengths
-    fresh = (support == OPEN).nonzero().flatten().tolist()
-    renews = _is_not_worse(schemas, fresh)
-    dropped: list[int] = []
-    for new in fresh:
-        twin = _twin(schemas, new, dropped)
-        support[new], schemas.blocks.live("typical_length")[new] = 1, float(lengths[new])
+    known = _Known(schemas)
+    renews = _is_not_worse(known)
+    dropped: set[int] = set()
+    for new in known.fresh:
+        twin = known.twin(new, dropped)
+        known.support[new], known.typical_length[new] = 1, float(known.lengths[new])
         if twin is None:
-            dropped += _make_room(schemas, new, dropped)
+            dropped |= _make_room(known, new, dropped)
         else:
-            dropped.append(_merge(schemas, new, twin, renews))
-    schemas.drop(torch.tensor(sorted(dropped), dtype=torch.int64, device=support.device))
+            dropped.add(_merge(known, new, twin, renews))
+    support = schemas.blocks.live("support")
+    support.copy_(support.new_tensor(known.support))
+    schemas.drop(support.new_tensor(sorted(dropped)))
 
 
-def _is_not_worse(schemas: CompetingSchemas, fresh: list[int]) -> bool:
-    """Whether an episode of these schemas may renew what it shares."""
-    twins = {new: _twin(schemas, new, []) for new in fresh}
+class _Known:
+    """All schemas at the end of an episode; what they are compared by is worked out once."""
+
+    def __init__(self, schemas: CompetingSchemas) -> None:
+        self.config = schemas.config
+        self.through = schemas.passes.live("schema")
+        self.typical_length = schemas.blocks.live("typical_length")
+        self.lengths: list[int] = schemas.lengths.tolist()
+        self.support: list[int] = schemas.blocks.live("support").tolist()
+        self.fresh = [schema for schema, seen in enumerate(self.support) if seen == OPEN]
+        self._schemas = schemas
+        self._after = schemas.blocks.live("continuation")
+        self._alike = self._perhaps_alike()
+        self._distances: dict[tuple[int, int], float] = {}
+        self._qualities: dict[int, Quality] = {}
+
+    def kept(self, new: int, dropped: set[int]) -> list[int]:
+        """The other schemas that the node of this one keeps so far."""
+        node = int(self._schemas.blocks.live("node")[new])
+        return self._so_far(self._schemas.schemas_of(node).tolist(), new, dropped)
+
+    def twin(self, new: int, dropped: set[int]) -> int | None:
+        """The kept schema of the same node that is most like this one, if it is like it at all."""
+        old = self._so_far(self._alike.get(new, []), new, dropped)
+        twin = min(old, key=lambda old: self._distance(new, old), default=None)
+        if twin is None or math.exp(-self._distance(new, twin)) < self.config.alike_above:
+            return None
+        return twin
+
+    def quality(self, schema: int) -> Quality:
+        """Of its sequence of targets."""
+        if schema not in self._qualities:
+            fit = float(self._schemas.blocks.live("fit")[schema])
+            rough = roughness(self._schemas.targets(schema))
+            self._qualities[schema] = Quality(fit, rough, self.lengths[schema])
+        return self._qualities[schema]
+
+    def _so_far(self, others: list[int], new: int, dropped: set[int]) -> list[int]:
+        kept = [old for old in others if old != new and old not in dropped]
+        return [old for old in kept if self.support[old] != OPEN]
+
+    def _perhaps_alike(self) -> dict[int, list[int]]:
+        """For each fresh schema those of its node with a like continuation, ascending."""
+        node = self._schemas.blocks.live("node")
+        mode = "donot_use_mm_for_euclid_dist"  # which is less exact
+        apart = torch.cdist(self._after[self.fresh], self._after, compute_mode=mode)
+        reach = -math.log(self.config.alike_above) * 1.001  # and rounding
+        pairs = (apart <= reach) & (node[self.fresh][:, None] == node)
+        alike: dict[int, list[int]] = {}
+        for place, other in pairs.nonzero().tolist():
+            alike.setdefault(self.fresh[place], []).append(other)
+        return alike
+
+    def _distance(self, one: int, other: int) -> float:
+        """How unlike two schemas are, in scaled units: their cues, or what came after them."""
+        if (one, other) not in self._distances:
+            cues = self._schemas.cues(one), self._schemas.cues(other)
+            shorter, longer = sorted(cues, key=len)
+            apart = torch.cdist(shorter, longer).amin(dim=1).mean()
+            after = torch.linalg.vector_norm(self._after[one] - self._after[other])
+            self._distances[one, other] = float(torch.maximum(apart, after))
+        return self._distances[one, other]
+
+
+def _is_not_worse(known: _Known) -> bool:
+    """Whether an episode may renew what it shares."""
+    twins = {new: known.twin(new, set()) for new in known.fresh}
     shared = {new: twin for new, twin in twins.items() if twin is not None}
-    targets = sum(int(schemas.lengths[new]) for new in shared)
+    targets = sum(known.lengths[new] for new in shared)
     if targets == 0:
         return False
     logarithms = [
-        int(schemas.lengths[new]) * math.log(max(_compare(schemas, new, twin), _SMOOTHEST))
+        known.lengths[new] * math.log(max(_compare(known, new, twin), _SMOOTHEST))
         for new, twin in shared.items()
     ]
-    familiarity = targets / sum(int(schemas.lengths[new]) for new in fresh)
+    familiarity = targets / sum(known.lengths[new] for new in known.fresh)
     worth = familiarity * math.exp(sum(logarithms) / targets)
-    return worth >= 1 - schemas.config.worse_by
+    return worth >= 1 - known.config.worse_by
 
 
-def _kept(schemas: CompetingSchemas, new: int, dropped: list[int]) -> list[int]:
-    """The other schemas that the node of this one keeps so far."""
-    support, node = schemas.blocks.live("support"), int(schemas.blocks.live("node")[new])
-    others = [old for old in schemas.schemas_of(node).tolist() if old not in (new, *dropped)]
-    return [old for old in others if int(support[old]) != OPEN]
-
-
-def _twin(schemas: CompetingSchemas, new: int, dropped: list[int]) -> int | None:
-    """The kept schema of the same node that is most like this one, if it is like it at all."""
-    distances = {old: _distance(schemas, new, old) for old in _kept(schemas, new, dropped)}
-    twin = min(distances, key=lambda old: distances[old], default=None)
-    if twin is None or math.exp(-distances[twin]) < schemas.config.alike_above:
-        return None
-    return twin
-
-
-def _merge(schemas: CompetingSchemas, new: int, twin: int, renews: bool) -> int:
+def _merge(known: _Known, new: int, twin: int, renews: bool) -> int:
     """One schema, seen once more: one sequence stays for both; returns the other."""
-    support, typical = schemas.blocks.live("support"), schemas.blocks.live("typical_length")
-    seen, length = int(support[twin]) + 1, _typical_length(schemas, new, twin)
-    renewed = renews and _compare(schemas, new, twin) >= _FAR_WORSE
+    seen, length = known.support[twin] + 1, _typical_length(known, new, twin)
+    renewed = renews and _compare(known, new, twin) >= _FAR_WORSE
     stays, goes = (new, twin) if renewed else (twin, new)
-    support[stays], typical[stays] = seen, length
-    through = schemas.passes.live("schema")
-    through[through == goes] = stays
+    known.support[stays], known.typical_length[stays] = seen, length
+    known.through[known.through == goes] = stays
     return goes
 
 
-def _make_room(schemas: CompetingSchemas, new: int, dropped: list[int]) -> list[int]:
+def _make_room(known: _Known, new: int, dropped: set[int]) -> set[int]:
     """The schema that goes, if any must, for its node to keep one of another kind."""
-    kept = _kept(schemas, new, dropped)
-    if len(kept) < schemas.config.schemas_per_node:
-        return []
-    support = schemas.blocks.live("support")
-    weakest = min(kept, key=lambda old: int(support[old]))
-    if int(support[weakest]) > 1:  # nothing that was seen again gives way to what was seen once
-        return [new]
-    worth = compare(
-        _quality(schemas, new),
-        _quality(schemas, weakest),
-        float(schemas.blocks.live("typical_length")[weakest]),
-    )
-    return [weakest if worth >= 1 - schemas.config.worse_by else new]
+    kept = known.kept(new, dropped)
+    if len(kept) < known.config.schemas_per_node:
+        return set()
+    weakest = min(kept, key=lambda old: known.support[old])
+    if known.support[weakest] > 1:  # nothing that was seen again gives way to what was seen once
+        return {new}
+    typical = float(known.typical_length[weakest])
+    worth = compare(known.quality(new), known.quality(weakest), typical)
+    return {weakest if worth >= 1 - known.config.worse_by else new}
 
 
-def _compare(schemas: CompetingSchemas, new: int, twin: int) -> float:
-    length = _typical_length(schemas, new, twin)
-    return compare(_quality(schemas, new), _quality(schemas, twin), length)
+def _compare(known: _Known, new: int, twin: int) -> float:
+    length = _typical_length(known, new, twin)
+    return compare(known.quality(new), known.quality(twin), length)
 
 
-def _typical_length(schemas: CompetingSchemas, new: int, twin: int) -> float:
+def _typical_length(known: _Known, new: int, twin: int) -> float:
     """The geometric mean of the lengths of a kept schema's sequences and of a new one."""
-    typical = float(schemas.blocks.live("typical_length")[twin])
-    seen = int(schemas.blocks.live("support")[twin]) + 1
-    return typical * (float(schemas.lengths[new]) / typical) ** (1 / seen)
-
-
-def _quality(schemas: CompetingSchemas, schema: int) -> Quality:
-    fit, length = float(schemas.blocks.live("fit")[schema]), int(schemas.lengths[schema])
-    return Quality(fit, roughness(schemas.targets(schema)), length)
-
-
-def _distance(schemas: CompetingSchemas, one: int, other: int) -> float:
-    """How unlike two schemas are, in scaled units: their cues, or what came after them."""
-    shorter, longer = sorted((schemas.cues(one), schemas.cues(other)), key=len)
-    cues = torch.cdist(shorter, longer).amin(dim=1).mean()
-    after = schemas.blocks.live("continuation")
-    return float(torch.maximum(cues, torch.linalg.vector_norm(after[one] - after[other])))
+    typical, seen = float(known.typical_length[twin]), known.support[twin] + 1
+    return typical * (float(known.lengths[new]) / typical) ** (1 / seen)
 
 
 def _nearness(length: float, typical: float) -> float:

@@ -123,7 +123,6 @@ class Sequences(nn.Module):
                 target[sample], position[sample], schema[sample] = recalled
         return RecalledTargets(target, position, schema)
 
-    @torch.no_grad()
     def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
         """`recall` for a scaled percept `[D]` that is no tensor."""
         recalled = self.recall(node, torch.from_numpy(percept).to(self.pool.live("cue")))
@@ -139,24 +138,55 @@ class Sequences(nn.Module):
         """Appends K rows, a tensor `[K, ...]` of each column."""
         length, added = int(self.lengths[sequence]), len(next(iter(rows.values())))
         if length + added > int(self.blocks.live("room")[sequence]):
-            self._make_room(sequence, length + added)
+            number, wanted = self.lengths.new_tensor([[sequence], [length + added]])
+            self._make_room(number, wanted)
         first = int(self.blocks.live("start")[sequence]) + length
         for name, values in rows.items():
             self.pool.live(name)[first : first + added] = values
         self.lengths[sequence] += added
 
-    def _make_room(self, sequence: int, wanted: int) -> None:
-        """Moves a sequence to the pool's end, into a block of at least twice the room."""
+    def append_each(self, sequences: Tensor, counts: Tensor, rows: Mapping[str, Tensor]) -> None:
+        """Appends rows to several sequences.
+
+        Args:
+            sequences: which, int64 `[N]`, none of them twice.
+            counts: how many rows each gets, int64 `[N]`.
+            rows: of each column a tensor `[sum of counts, ...]`, one sequence after the other.
+        """
+        lengths = self.lengths[sequences]
+        full = lengths + counts > self.blocks.live("room")[sequences]
+        if bool(full.any()):
+            self._make_room(sequences[full], (lengths + counts)[full])
+        places = rows_of(self.blocks.live("start")[sequences] + lengths, counts)
+        for name, values in rows.items():
+            self.pool.live(name)[places] = values
+        self.lengths[sequences] = lengths + counts
+
+    def _make_room(self, sequences: Tensor, wanted: Tensor) -> None:
+        """Moves sequences to the pool's end, each into a block of at least twice the room."""
         if len(self.pool) > 4 * max(8, int(self.blocks.live("room").sum())):
             close_gaps(self)
-        rows = {name: self._rows(name, sequence) for name in self.pool.columns}
-        length = int(self.lengths[sequence])
-        room = max(8, 2 * length, wanted)
-        start = self.pool.extend(room)
-        for name, old in rows.items():
-            self.pool.live(name)[start : start + length] = old
-        self.blocks.live("start")[sequence] = start
-        self.blocks.live("room")[sequence] = room
+        lengths = self.lengths[sequences]
+        room = torch.maximum(2 * lengths, wanted).clamp(min=8)
+        start = self.pool.extend(int(room.sum())) + room.cumsum(0) - room
+        old, new = rows_of(self.blocks.live("start")[sequences], lengths), rows_of(start, lengths)
+        for name in self.pool.columns:
+            column = self.pool.live(name)
+            column[new] = column[old]
+        self.blocks.live("start")[sequences] = start
+        self.blocks.live("room")[sequences] = room
+
+
+def rows_of(starts: Tensor, counts: Tensor) -> Tensor:
+    """Numbers of the rows of blocks, one block after the other, int64 `[sum of counts]`.
+
+    Args:
+        starts: the first row of each block, int64 `[N]`.
+        counts: rows of each, int64 `[N]`.
+    """
+    # To the place among all of them: what lies between it and its row.
+    shift = torch.repeat_interleave(starts - (counts.cumsum(0) - counts), counts)
+    return torch.arange(len(shift), device=shift.device) + shift
 
 
 def close_gaps(sequences: nn.Module, *_: object) -> None:
@@ -167,9 +197,6 @@ def close_gaps(sequences: nn.Module, *_: object) -> None:
     assert isinstance(sequences, Sequences)
     blocks = sequences.blocks
     lengths = blocks.live("length")
-    starts = lengths.cumsum(0) - lengths
-    # Row of the pool for each place: its sequence's old start plus its place within the sequence.
-    shift = torch.repeat_interleave(blocks.live("start") - starts, lengths)
-    sequences.pool.keep(torch.arange(len(shift), device=shift.device) + shift)
-    blocks.live("start").copy_(starts)
+    sequences.pool.keep(rows_of(blocks.live("start"), lengths))
+    blocks.live("start").copy_(lengths.cumsum(0) - lengths)
     blocks.live("room").copy_(lengths)

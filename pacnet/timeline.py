@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from pacnet.belief import Timeline, make_timeline
+from pacnet.sequences import rows_of
 
 if TYPE_CHECKING:
     from pacnet.competing_schemas import CompetingSchemas
@@ -23,8 +24,8 @@ def lay_out(schemas: CompetingSchemas, places: int) -> Timeline:
         schemas: with at least one pass.
         places: P of each episode.
     """
-    episode, frame, row = _shown(schemas)
-    samples = schemas.episodes.live("samples")
+    number, frame, row = shown(schemas)
+    episode, samples = schemas.passes.live("episode")[number], schemas.episodes.live("samples")
     at = (frame + 0.5) / samples[episode] * places  # [S] in places
     place = at.floor().clamp(0, places - 1).long()
     table = _nearest_in_time(episode * places + place, (at - place - 0.5).abs(), row)
@@ -36,19 +37,23 @@ def lay_out(schemas: CompetingSchemas, places: int) -> Timeline:
     return make_timeline(_filled(rows[known]), known, samples[known], behaviour[known])
 
 
-def _shown(schemas: CompetingSchemas) -> tuple[Tensor, Tensor, Tensor]:
-    """Every sample that some pass stands for: its episode, its time there, its row of the pool."""
+def shown(schemas: CompetingSchemas) -> tuple[Tensor, Tensor, Tensor]:
+    """Every sample that some pass stands for, pass by pass.
+
+    Returns:
+        Number of its pass, int64 `[S]`; its time in the episode, in samples, `[S]`; its row of the
+        pool, int64 `[S]`.
+    """
     passes = schemas.passes
     schema = passes.live("schema")
     lengths, starts = schemas.lengths[schema], schemas.blocks.live("start")[schema]
     number = torch.repeat_interleave(torch.arange(len(passes), device=schema.device), lengths)
-    begin = (lengths.cumsum(0) - lengths)[number]
-    row = starts[number] + torch.arange(len(number), device=schema.device) - begin
+    row = rows_of(starts, lengths)
     own = schemas.pool.live("frame")
     own_first, own_last = own[starts][number], own[starts + lengths - 1][number]
     share = (own[row] - own_first) / (own_last - own_first).clamp(min=1)
     first, last = passes.live("first")[number], passes.live("last")[number]
-    return passes.live("episode")[number], first + share * (last - first), row
+    return number, first + share * (last - first), row
 
 
 def _nearest_in_time(place: Tensor, distance: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from pacnet import NOBODY, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
+from pacnet.node_schemas import NodeSchemas
 
 FAR = 9.0
 
@@ -499,9 +500,11 @@ def test_episodes_of_any_length_are_recalled_from_end_to_end(samples: int):
             write(schemas, 0, cue, target=cue)
     schemas.begin(3, "")
     assert recalled(schemas, *course) == course
-    assert schemas._belief is not None
-    within = schemas._of_passes(schemas._belief).sum().item()
-    assert within == pytest.approx(1, abs=0.02)
+    timeline, belief = schemas.timeline(), schemas._belief
+    assert timeline is not None
+    assert belief is not None
+    here = NodeSchemas(schemas, schemas.schemas_of(0), timeline)
+    assert here.watched(belief.probability).sum().item() == pytest.approx(1, abs=0.02)
 
 
 def test_nothing_learned_nothing_recalled():

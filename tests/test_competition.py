@@ -80,6 +80,20 @@ def test_a_batch_is_independent_competitions(margin):
     assert len(set(one_by_one)) == 5
 
 
+@pytest.mark.parametrize("threshold", [0.1, 0.375])
+@pytest.mark.parametrize("margin", [0.0, 0.1, 0.125])
+def test_the_winner_of_one_is_that_of_a_batch(margin, threshold):
+    generator = torch.Generator().manual_seed(0)
+    eighths = torch.randint(0, 9, (200, 4), generator=generator) / 8  # with ties
+    tenths = torch.randint(0, 11, (200, 4), generator=generator) / 10  # and with rounding
+    incumbents = torch.randint(NOBODY, 4, (200,), generator=generator)
+    rivals = competition(threshold, margin)
+    for confidences in (eighths, tenths, tenths.double()):
+        pairs = zip(confidences, incumbents.tolist(), strict=True)
+        winners = [rivals.winner(row, incumbent) for row, incumbent in pairs]
+        assert rivals(confidences, incumbents).tolist() == winners
+
+
 @pytest.mark.parametrize("margin", [0.0, 0.125])
 def test_time_can_be_cut_anywhere(margin):
     confidences = torch.rand(60, 3, generator=torch.Generator().manual_seed(1))

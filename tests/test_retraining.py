@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from pacnet import CompetingSchemas, CompetingSchemasConfig
-from pacnet.retraining import Quality, compare, roughness
+from pacnet.retraining import OPEN, Quality, _Known, compare, roughness
 
 GOOD = Quality(fit=0.9, roughness=0.01, length=100)
 
@@ -192,3 +192,44 @@ def test_the_fit_is_the_mean_activation():
     for activation in (0.5, 0.75, 1.0, 0.75):
         schemas.write(0, torch.ones(2), torch.zeros(1), activation=activation, habituated=True)
     assert schemas.blocks.live("fit").tolist() == [0.75]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_twin_is_the_most_alike_of_all_by_brute_force(seed: int):
+    generator = torch.Generator().manual_seed(seed)
+    fields = {"schemas_per_node": 50, "continuation": 2, "alike_above": 0.8}
+    schemas = make_schemas(**fields)
+    schemas.add_node()
+    found = 0
+    for episode in range(12):
+        schemas.begin(episode, "")
+        for _ in range(4):
+            node, near = torch.randint(2, (2,), generator=generator).tolist()
+            for cue in 0.2 * torch.randn(4, 1, generator=generator) + near:
+                schemas.write(node, torch.zeros(2), cue, activation=0.9, habituated=True)
+            away = 0.2 * torch.randn(1, generator=generator)
+            for _ in range(3):
+                schemas.write(node, torch.zeros(2), away, activation=0.9, habituated=False)
+        known = _Known(schemas)
+        for new in known.fresh:
+            alike = twin_by_hand(schemas, new)
+            assert known.twin(new, set()) == alike
+            found += alike is not None
+    assert 5 < found < 43
+
+
+def twin_by_hand(schemas: CompetingSchemas, new: int) -> int | None:
+    """Each cue of the shorter sequence against each of the longer, one-dimensional."""
+    node, support, after = (
+        schemas.blocks.live(name).flatten().tolist() for name in ("node", "support", "continuation")
+    )
+    distances = {}
+    for old in range(len(node)):
+        if node[old] != node[new] or support[old] == OPEN:
+            continue
+        one, other = (schemas.cues(number).flatten().tolist() for number in (new, old))
+        shorter, longer = sorted((one, other), key=len)
+        nearest = [min(abs(cue - far) for far in longer) for cue in shorter]
+        distances[old] = max(sum(nearest) / len(nearest), abs(after[new] - after[old]))
+    twin = min(distances, key=lambda old: distances[old], default=None)
+    return twin if twin is not None and distances[twin] <= -math.log(0.8) else None

@@ -1,0 +1,84 @@
+"""Where a recalled target came from, and what else might have been recalled in its place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from torch import Tensor
+
+from pacnet.node_schemas import NodeSchemas
+from pacnet.timeline import shown
+
+if TYPE_CHECKING:
+    from pacnet.competing_schemas import CompetingSchemas
+
+
+class Origin(NamedTuple):
+    """A moment of a demonstration."""
+
+    episode: int
+    """Number of the episode, as it was observed."""
+    behaviour: str
+    """What was shown in it."""
+    frame: int
+    """Which of the episode's samples, from 0."""
+
+
+class Rival(NamedTuple):
+    """A schema that competes."""
+
+    schema: int
+    """Its number."""
+    confidence: float
+    """The probability that what is watched is a pass through it, times how well it fits."""
+    position: int
+    """Place in it of the cue nearest to the percept."""
+    behaviours: tuple[str, ...]
+    """Of the episodes that passed through it, in the order in which they were first shown."""
+
+
+def origins_of(schemas: CompetingSchemas, schema: int, position: int) -> list[Origin]:
+    """See `CompetingSchemas.origins`."""
+    _check(schemas, schema, position)
+    passes, episodes, frames = schemas.passes, schemas.episodes, schemas.frames(schema)
+    number, time, row = shown(schemas)
+    here = row == schemas.blocks.live("start")[schema] + position
+    number, frame = number[here], time[here].round().long()
+    first, last = passes.live("first")[number], passes.live("last")[number]
+    episode = passes.live("episode")[number]
+    names = [schemas.behaviours[kind] for kind in episodes.live("behaviour")[episode].tolist()]
+    numbers = episodes.live("number")[episode].tolist()
+    origins = [Origin(*row) for row in zip(numbers, names, frame.tolist(), strict=True)]
+    # The pass whose sequence is kept began with its first row and ended with its last one.
+    own = ((first == frames[0]) & (last == frames[-1])).nonzero().flatten().tolist()
+    return [origins.pop(own[-1]), *origins]
+
+
+def rivals_of(
+    schemas: CompetingSchemas, here: NodeSchemas, distances: Tensor, probability: Tensor
+) -> list[Rival]:
+    """See `CompetingSchemas.rivals`; arguments as of `NodeSchemas.confidences`."""
+    confidences = here.confidences(distances, probability).tolist()
+    rivals = []
+    for place, schema in enumerate(here.numbers):
+        position = int(distances[here.rows_of(place)].argmin())
+        names = _behaviours_through(schemas, schema)
+        rivals.append(Rival(schema, confidences[place], position, names))
+    return sorted(rivals, key=lambda rival: -rival.confidence)
+
+
+def _behaviours_through(schemas: CompetingSchemas, schema: int) -> tuple[str, ...]:
+    through = schemas.passes.live("schema") == schema
+    kinds = schemas.episodes.live("behaviour")[schemas.passes.live("episode")[through]]
+    return tuple(schemas.behaviours[kind] for kind in kinds.unique().tolist())
+
+
+def _check(schemas: CompetingSchemas, schema: int, position: int) -> None:
+    count = len(schemas.blocks)
+    if not 0 <= schema < count:
+        raise ValueError(f"expected a schema from 0 to {count - 1}, got {schema}")
+    length = int(schemas.lengths[schema])
+    if not 0 <= position < length:
+        raise ValueError(
+            f"expected a position from 0 to {length - 1} in schema {schema}, got {position}"
+        )
