@@ -22,6 +22,7 @@ MODULES = {
     "import_time": "imports and first calls",
     "environments": "control steps of the scenes, beside bare physics",
     "memory": "ten million samples from a generator",
+    "datasets": "recording and reading datasets, beside LeRobot",
 }
 
 

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pacnet.demonstration_writer import RESERVED, DemonstrationWriter, checked_frames
 from pacnet.demonstrations import Demonstrations, load_demonstrations
-from pacnet.lerobot_files import DatasetError, read_info
+from pacnet.lerobot_files import PICTURES, DatasetError, read_info
+from pacnet.recorder import Recorder
+from pacnet.recording import RESERVED, Feature, checked_features, checked_frames
 
-_INTEGERS = 2**24  # from here on float32 does not hold all of them
-_PICTURES = ("image", "video")
+_INTEGERS = 2**24  # from here on float32, as which features are read, does not hold all of them
 
 
 def write_annotated(
@@ -25,12 +25,12 @@ def write_annotated(
     columns: Mapping[str, Sequence[str]],
     episodes: Iterable[Mapping[str, ArrayLike]],
 ) -> None:
-    """Copy a dataset of numbers, with extra columns beside its features; needs LeRobot.
+    """Copy a dataset of numbers, with extra columns beside its features.
 
     Kept are the features and the names of their dimensions, each episode's task (that of its first
-    frame), the frames per second and the robot's type. All columns of the copy are float32: float64
-    is rounded, and integers from 2**24 on, not all of which float32 holds, are refused. Episodes
-    are numbered from 0 and their time runs from 0. Columns of one dimension read back as scalars.
+    frame), the frames per second and the robot's type. Integers are stored as int64, booleans as
+    such and all floats as float32. Episodes are numbered from 0 and their time runs from 0. Columns
+    of one dimension read back as scalars.
 
     Everything is checked before the copy is begun.
 
@@ -39,15 +39,15 @@ def write_annotated(
         destination: The copy's folder, which must not exist yet.
         columns: Name of each extra column -> names of its dimensions.
         episodes: One for each of the dataset's: column -> its values [T, K], T as many as the
-            episode has frames; floats, integers or booleans (stored as 0 and 1).
+            episode has frames; floats, integers or booleans, the same in all episodes.
 
     Raises:
         FileExistsError: There is something at `destination` already.
-        DatasetError: The source cannot be read, or has features that are no vectors of numbers:
-            images and videos cannot be copied.
+        DatasetError: The source cannot be read, has features that are no vectors of numbers (images
+            and videos cannot be copied), or integers from 2**24 on.
         ValueError: No columns, one of a name that the source has or LeRobot cannot store, not one
             entry for each of the source's episodes, or values that are missing, unknown, of
-            another shape or length, not finite, or integers that float32 cannot hold.
+            another shape, length or dtype, or not finite.
     """
     destination = Path(destination)
     if destination.exists():
@@ -55,15 +55,19 @@ def write_annotated(
     info = read_info(Path(source))
     copied = check_source(source, columns)
     first = next(iter(copied.values()))
-    names = {feature: part.names[feature] for feature, part in copied.items()}
-    robot = info.get("robot_type")
-    writer = DemonstrationWriter(destination, _whole(info["fps"]), {**names, **columns}, robot)
     lengths = {episode.episode: len(episode.state) for episode in first}
-    annotations = _checked_annotations(columns, list(episodes), lengths)
-    with writer:
-        for number, (episode, added) in enumerate(zip(first, annotations, strict=True)):
-            frames = {name: part.episodes[number].state.numpy() for name, part in copied.items()}
-            writer.save_episode(episode.task, {**frames, **added})
+    episodes = list(episodes)
+    added = _extra_features(columns, episodes)
+    annotations = _checked_annotations(added, episodes, lengths)
+    features = {name: _feature(info, name, part) for name, part in copied.items()}
+    recorder = Recorder(destination, _whole(info["fps"]), features | added, info.get("robot_type"))
+    with recorder:
+        for number, (episode, extra) in enumerate(zip(first, annotations, strict=True)):
+            frames = {
+                name: part.episodes[number].state.numpy().astype(features[name].dtype)
+                for name, part in copied.items()
+            }
+            recorder.save_episode(episode.task, frames | extra)
 
 
 def check_source(
@@ -93,7 +97,7 @@ def _read_features(source: Path, info: dict[str, Any]) -> dict[str, Demonstratio
         raise DatasetError(f"expected features to copy in {source}, found none")
     pictures = [
         name for name, told in features.items()
-        if isinstance(told, dict) and told.get("dtype") in _PICTURES
+        if isinstance(told, dict) and told.get("dtype") in PICTURES
     ]  # fmt: skip
     if pictures:
         raise DatasetError(
@@ -106,7 +110,10 @@ def _read_features(source: Path, info: dict[str, Any]) -> dict[str, Demonstratio
     }
     for name, part in copied.items():
         if "int" in features[name]["dtype"] and not all(_exact(e.state.numpy()) for e in part):
-            raise DatasetError(f"{_wanted(name)}, {source} has others")
+            raise DatasetError(
+                f"expected integers in {name!r} that float32 holds, below {_INTEGERS}, {source} "
+                "has others"
+            )
     return copied
 
 
@@ -129,12 +136,33 @@ def _check_columns(columns: Mapping[str, Sequence[str]], names: Mapping[str, obj
         )
 
 
+def _feature(info: Mapping[str, Any], name: str, part: Demonstrations) -> Feature:
+    kinds = {"int": "int64", "uin": "int64", "boo": "bool"}
+    dtype = kinds.get(info["features"][name]["dtype"][:3], "float32")
+    return Feature(part.names[name], dtype)
+
+
+def _extra_features(
+    columns: Mapping[str, Sequence[str]], episodes: Sequence[Mapping[str, ArrayLike]]
+) -> dict[str, Feature]:
+    """The extra columns, each of the dtype that it has in the first episode that has it."""
+    dtypes = {"b": "bool", "i": "int64", "u": "int64"}
+    kinds: dict[str, str] = {}
+    for episode in episodes[::-1]:
+        kinds |= {name: np.asarray(values).dtype.kind for name, values in episode.items()}
+    features = checked_features(columns)
+    return {
+        name: Feature(told.names, dtypes.get(kinds.get(name, "f"), "float32"))
+        for name, told in features.items()
+    }
+
+
 def _checked_annotations(
-    columns: Mapping[str, Sequence[str]],
+    columns: Mapping[str, Feature],
     episodes: Sequence[Mapping[str, ArrayLike]],
     lengths: Mapping[int, int],
-) -> list[dict[str, NDArray[np.float32]]]:
-    """Each episode's columns as float32 [T, K], or a ValueError that names the episode."""
+) -> list[dict[str, NDArray[np.generic]]]:
+    """Each episode's columns [T, K] as they are stored, or a ValueError that names the episode."""
     if len(episodes) != len(lengths):
         raise ValueError(
             f"expected columns for each of {len(lengths)} episodes, got {len(episodes)}"
@@ -142,8 +170,7 @@ def _checked_annotations(
     checked = []
     for (number, length), episode in zip(lengths.items(), episodes, strict=True):
         try:
-            floats = {name: _as_floats(name, values) for name, values in episode.items()}
-            rows = checked_frames(columns, floats)
+            rows = checked_frames(columns, episode)
         except ValueError as error:
             raise ValueError(f"episode {number}: {error}") from None
         got = len(next(iter(rows.values())))
@@ -153,25 +180,9 @@ def _checked_annotations(
     return checked
 
 
-def _as_floats(name: str, values: ArrayLike) -> NDArray[Any]:
-    """Integers and booleans as float32, everything else as it is."""
-    array = np.asarray(values)
-    if array.dtype.kind not in "biu":
-        return array
-    if not _exact(array):
-        raise ValueError(f"{_wanted(name)}, got others")
-    return array.astype(np.float32)
-
-
 def _exact(integers: NDArray[Any]) -> bool:
-    """Whether float32 holds them all; they may have been made float32 already."""
-    return not integers.size or (
-        int(integers.max()) < _INTEGERS and int(integers.min()) > -_INTEGERS
-    )
-
-
-def _wanted(name: str) -> str:
-    return f"expected integers in {name!r} that float32 holds, below {_INTEGERS}"
+    """Whether float32 holds them all; they have been made float32 already."""
+    return int(integers.max()) < _INTEGERS and int(integers.min()) > -_INTEGERS
 
 
 def _whole(fps: float) -> int:

@@ -10,18 +10,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from torch import Tensor
 
+from pacnet.durable import NEW, flush_folder, written_through
+
 CONFIG_FILE = "config.json"
 TENSOR_FILE = "model.safetensors"
 FORMAT = "pacnet"
 VERSION = 1
-_NEW = ".new"  # suffix of a file that is not yet in force
 _DIGEST = "config_sha256"
 
 
@@ -44,11 +44,12 @@ def write_checkpoint(
     text = (json.dumps(document, indent=2) + "\n").encode()
     contiguous = {name: tensor.contiguous().cpu() for name, tensor in tensors.items()}
     weights = save(contiguous, metadata={_DIGEST: _digest(text)})
-    _write_through(folder / (CONFIG_FILE + _NEW), text)
-    _write_through(folder / (TENSOR_FILE + _NEW), weights)
+    for name, content in ((CONFIG_FILE, text), (TENSOR_FILE, weights)):
+        with written_through(folder / (name + NEW)) as file:
+            file.write(content)
     for name in (TENSOR_FILE, CONFIG_FILE):
-        (folder / (name + _NEW)).replace(folder / name)
-    _flush_folder(folder)
+        (folder / (name + NEW)).replace(folder / name)
+    flush_folder(folder)
 
 
 def read_checkpoint(folder: str | Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
@@ -67,14 +68,14 @@ def read_checkpoint(folder: str | Path) -> tuple[dict[str, Any], dict[str, Tenso
 
 def _finish_interrupted_write(folder: Path) -> None:
     """Brings a config into force whose tensors already are, before its name is written again."""
-    if not (folder / (CONFIG_FILE + _NEW)).is_file() or not (folder / TENSOR_FILE).is_file():
+    if not (folder / (CONFIG_FILE + NEW)).is_file() or not (folder / TENSOR_FILE).is_file():
         return
     try:
         _, digest = _read_tensors(folder / TENSOR_FILE)
     except ValueError:
         return  # a damaged checkpoint is about to be replaced
-    if _digest((folder / (CONFIG_FILE + _NEW)).read_bytes()) == digest:
-        (folder / (CONFIG_FILE + _NEW)).replace(folder / CONFIG_FILE)
+    if _digest((folder / (CONFIG_FILE + NEW)).read_bytes()) == digest:
+        (folder / (CONFIG_FILE + NEW)).replace(folder / CONFIG_FILE)
 
 
 def _read_tensors(path: Path) -> tuple[dict[str, Tensor], str | None]:
@@ -90,7 +91,7 @@ def _read_tensors(path: Path) -> tuple[dict[str, Tensor], str | None]:
 
 def _read_config(folder: Path, digest: str | None) -> dict[str, Any]:
     path = folder / CONFIG_FILE
-    interrupted = folder / (CONFIG_FILE + _NEW)
+    interrupted = folder / (CONFIG_FILE + NEW)
     if interrupted.is_file() and _digest(interrupted.read_bytes()) == digest:
         path = interrupted
     if not path.is_file():
@@ -113,22 +114,3 @@ def _read_config(folder: Path, digest: str | None) -> dict[str, Any]:
 
 def _digest(text: bytes) -> str:
     return hashlib.sha256(text).hexdigest()
-
-
-def _write_through(path: Path, content: bytes) -> None:
-    """Writes a file down to the disk, so that its rename cannot overtake its content."""
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _flush_folder(folder: Path) -> None:
-    """Makes the renames themselves durable, where the system can."""
-    if not hasattr(os, "O_DIRECTORY"):
-        return
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from pacnet.encoded_images import Encoder, encode_images
+from pacnet.journal import check_folded
 from pacnet.lerobot_files import PICTURES, DatasetError, read_frames, read_info, read_tasks
 
 STATE, ENVIRONMENT_STATE, ACTION = (
@@ -65,7 +66,7 @@ class Demonstrations:
     action: str = ACTION
 
     @property
-    def percept_names(self) -> dict[str, tuple[str, ...]]:
+    def percept_features(self) -> dict[str, tuple[str, ...]]:
         """Feature -> names of its dimensions, of what a percept is made of, in its order."""
         return {name: parts for name, parts in self.names.items() if name != self.action}
 
@@ -83,6 +84,19 @@ class Demonstrations:
         return len(self.episodes)
 
 
+def dimension_names(features: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Names of all dimensions, after their features too where two have one name.
+
+    Args:
+        features: Feature name -> names of its dimensions.
+    """
+    pairs = [(feature, name) for feature, names in features.items() for name in names]
+    names = tuple(name for _, name in pairs)
+    if len(set(names)) < len(names):
+        return tuple(f"{feature}.{name}" for feature, name in pairs)
+    return names
+
+
 def load_demonstrations(
     root: str | Path,
     *,
@@ -91,7 +105,7 @@ def load_demonstrations(
     action: str = ACTION,
     encoders: Mapping[str, Encoder] | None = None,
 ) -> Demonstrations:
-    """Read every episode of a LeRobot dataset; needs pyarrow (the extra `datasets`).
+    """Read every episode of a LeRobot dataset.
 
     Images are left alone, or seen through encoders. These need LeRobot, which decodes the images.
 
@@ -115,13 +129,14 @@ def load_demonstrations(
 
     Raises:
         DatasetError: The folder or one of its files is missing or damaged, the format is another
-            than v3.0, a feature is missing or not a vector of numbers, the counts in
-            `meta/info.json` do not match the frames found, the episodes' numbers do not ascend,
-            or a value is not finite.
+            than v3.0, a recording into it goes on or was killed, a feature is missing or not a
+            vector of numbers, the counts in `meta/info.json` do not match the frames found, the
+            episodes' numbers do not ascend, or a value is not finite.
         ValueError: An encoder for a feature that is no image or video, or one that gives something
             else than finite vectors of one length.
     """
     root = Path(root)
+    check_folded(root)
     info = read_info(root)
     if environment_state == ENVIRONMENT_STATE and environment_state not in info["features"]:
         environment_state = None
@@ -187,7 +202,7 @@ def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
             f"{wanted}, found {dtype}s of shape {shape}: percepts are made of them by an encoder, "
             f"load_demonstrations(..., encoders={{{feature!r}: encoder}})"
         )
-    if not re.match("float|int", str(dtype)) or not _is_vector_shape(shape):
+    if not re.match("float|int|bool", str(dtype)) or not _is_vector_shape(shape):
         raise DatasetError(f"{wanted}, found dtype {dtype}, shape {shape}")
     if isinstance(names, dict):  # some robots' datasets keep them as {"motors": [...]}
         names = next(iter(names.values()), None)

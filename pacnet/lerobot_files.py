@@ -68,7 +68,7 @@ def read_frames(root: Path, dimensions: Mapping[str, int]) -> dict[str, np.ndarr
 def read_tasks(root: Path, task_indices: np.ndarray) -> list[str]:
     """The tasks in words; what the column of the words is called depends on who wrote it."""
     path = root / "meta" / "tasks.parquet"
-    table = _read_parquet(path)
+    table = read_parquet(path)
     words = [name for name in table.column_names if name != "task_index"]
     if len(table.column_names) != 2 or len(words) != 1:
         raise DatasetError(f"{path}: expected task_index and a task, found {table.column_names}")
@@ -87,7 +87,7 @@ def read_tasks(root: Path, task_indices: np.ndarray) -> list[str]:
 
 def _read_data_file(path: Path, dimensions: Mapping[str, int]) -> dict[str, np.ndarray]:
     """The index columns [N] and the features [N, D] of one data file."""
-    table = _read_parquet(path, [*_INDEX_COLUMNS, *dimensions])
+    table = read_parquet(path, [*_INDEX_COLUMNS, *dimensions])
     columns = {}
     for name in table.column_names:
         column = table[name].combine_chunks()
@@ -101,7 +101,7 @@ def _read_data_file(path: Path, dimensions: Mapping[str, int]) -> dict[str, np.n
     return columns
 
 
-def _read_parquet(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
+def read_parquet(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
     """The named columns of a Parquet file, or all of them."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -147,6 +147,8 @@ def _to_numpy(column: "pa.Array") -> np.ndarray:
 
     if column.null_count:
         raise ValueError(f"{column.null_count} gaps")
+    if pyarrow.types.is_boolean(column.type):
+        column = column.cast(pyarrow.uint8())
     if not (pyarrow.types.is_integer(column.type) or pyarrow.types.is_floating(column.type)):
         raise ValueError(f"values of type {column.type}")
     return np.from_dlpack(column)

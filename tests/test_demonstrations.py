@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from pacnet.demonstrations import DatasetError, load_demonstrations
+from pacnet.demonstrations import DatasetError, dimension_names, load_demonstrations
 
 FEATURES = {"observation.state": 3, "observation.environment_state": 2, "action": 1}
 LENGTHS = (4, 1, 3)
@@ -447,3 +447,24 @@ def test_counts_are_finite_numbers(root: Path, entry: str, value: object):
 
     with pytest.raises(DatasetError, match=f"{entry} above 0 and finite, found {value!r}"):
         load_demonstrations(root)
+
+
+def test_dimensions_of_two_features_with_one_name_are_told_apart():
+    assert dimension_names({"observation.state": ("x", "y"), "action": ("z",)}) == ("x", "y", "z")
+    names = dimension_names({"observation.state": ("x", "y"), "observation.eye": ("x",)})
+    assert names == ("observation.state.x", "observation.state.y", "observation.eye.x")
+
+
+def test_a_dataset_need_not_have_an_environment_state(root: Path):
+    info = json.loads((root / "meta" / "info.json").read_text())
+    del info["features"]["observation.environment_state"]
+    (root / "meta" / "info.json").write_text(json.dumps(info))
+    demonstrations = load_demonstrations(root)
+    assert demonstrations.percept_features.keys() == {"observation.state"}
+    assert demonstrations.action_names == ("action_0",)
+    with pytest.raises(DatasetError, match=r"expected the feature 'observation\.eye'"):
+        load_demonstrations(root, environment_state="observation.eye")
+
+
+def test_demonstrations_know_the_name_of_their_dataset(root: Path):
+    assert load_demonstrations(root).source == root.name

@@ -63,7 +63,7 @@ def test_an_encoder_sees_every_image_in_its_place(root: Path):
     assert torch.allclose(encoded, torch.tensor(COLOURS / 255).float(), atol=0.03)
     first = demonstrations.episodes[0]
     assert torch.equal(first.percepts, torch.cat([first.state, first.encoded], dim=1))
-    assert demonstrations.percept_names == {
+    assert demonstrations.percept_features == {
         "observation.state": ("a", "b"),
         TOP: (f"{TOP}.0", f"{TOP}.1", f"{TOP}.2"),
     }

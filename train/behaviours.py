@@ -24,8 +24,9 @@ from envs.humanoid import JOINTS
 from envs.physics import CONTROL_TIMESTEP
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
 from pacnet import CompetingSchemasConfig, PACNet, PACNetConfig, RecognitionConfig
-from pacnet.demonstration_writer import DemonstrationWriter
 from pacnet.demonstrations import load_demonstrations
+from pacnet.recognition_figures import recognition_over_time
+from pacnet.recorder import Recorder
 from train.behaviour_episodes import (
     CHECKPOINTS,
     ONE,
@@ -53,7 +54,6 @@ from train.postural_imitation import (
     make_network,
 )
 from train.postural_report import FPS, film
-from train.recognition_figures import recognition_over_time
 from train.runs import (
     command_line,
     make_parser,
@@ -127,11 +127,11 @@ def record(folder: Path, seed: int, count: int) -> None:
     """Records demonstrations of the taught behaviours, in turn, into a LeRobot dataset."""
     environments = {name: make_environment(Condition(behaviour=name)) for name in TAUGHT}
     seeds = demonstration_seeds(seed, len(TAUGHT) * count)
-    with DemonstrationWriter(folder, FPS, FEATURES, "behaviours") as writer:
+    with Recorder(folder, FPS, FEATURES, "behaviours") as recorder:
         for place, episode_seed in enumerate(tqdm(seeds, "recording", unit="episode")):
             behaviour = TAUGHT[place % len(TAUGHT)]
             percepts = watch_demonstration(environments[behaviour], episode_seed)
-            writer.save_episode(TASKS[behaviour], frames_of(percepts))
+            recorder.save_episode(TASKS[behaviour], frames_of(percepts))
 
 
 def make_competing_network() -> PACNet:

@@ -19,8 +19,8 @@ from tqdm import tqdm
 from envs.humanoid import JOINTS
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
-from pacnet.demonstration_writer import DemonstrationWriter
 from pacnet.demonstrations import Demonstrations, load_demonstrations
+from pacnet.recorder import Recorder
 from train.learning_log import LearningLog
 from train.postural_episodes import (
     TASK,
@@ -77,13 +77,21 @@ def parse_arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def record(folder: Path, seed: int, count: int) -> None:
-    """Records demonstrations, as a resting imitator perceives them, into a LeRobot dataset."""
-    environment = make_environment(Condition())
-    with DemonstrationWriter(folder, FPS, FEATURES, "postural_imitation") as writer:
+def record(folder: Path, seed: int, count: int, behaviour: str = "drink", task: str = TASK) -> None:
+    """Records demonstrations, as a resting imitator perceives them, into a LeRobot dataset.
+
+    Args:
+        folder: of the dataset, which is made, or appended to.
+        seed: of the demonstrations.
+        count: how many.
+        behaviour: that is demonstrated, of `envs.behaviours.BEHAVIOURS`.
+        task: the same in words.
+    """
+    environment = make_environment(Condition(behaviour=behaviour))
+    with Recorder(folder, FPS, FEATURES, "postural_imitation") as recorder:
         for episode_seed in tqdm(demonstration_seeds(seed, count), "recording", unit="episode"):
             percepts = watch_demonstration(environment, episode_seed)
-            writer.save_episode(TASK, frames_of(percepts))
+            recorder.save_episode(task, frames_of(percepts))
 
 
 def frames_of(percepts: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:

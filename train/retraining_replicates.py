@@ -15,8 +15,8 @@ from tqdm import tqdm
 
 from envs.mishaps import MISHAPS
 from pacnet import CompetingSchemasConfig, MotorSchemasConfig, PACNet
-from pacnet.demonstration_writer import DemonstrationWriter
 from pacnet.demonstrations import load_demonstrations
+from pacnet.recorder import Recorder
 from train.pool import processes
 from train.postural_episodes import (
     PERCEPTS,
@@ -128,10 +128,10 @@ def record(replicate: Replicate, folder: Path) -> None:
     """Records a replicate's demonstrations, spoiled ones among them, into a LeRobot dataset."""
     environment = make_environment(Condition())
     seeds = demonstration_seeds(replicate.seed, len(replicate.mishaps))
-    with DemonstrationWriter(folder, FPS, FEATURES, "postural_imitation") as writer:
+    with Recorder(folder, FPS, FEATURES, "postural_imitation") as recorder:
         for seed, mishap in zip(seeds, replicate.mishaps, strict=True):
             percepts = watch_demonstration(environment, seed, mishap)
-            writer.save_episode(TASK, frames_of(percepts))
+            recorder.save_episode(TASK, frames_of(percepts))
 
 
 def shown_to(policy: Policy, replicate: Replicate) -> list[int]:

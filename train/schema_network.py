@@ -22,8 +22,8 @@ from tqdm import tqdm
 from envs.physics import CONTROL_TIMESTEP
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
 from pacnet import PACNet
-from pacnet.demonstration_writer import DemonstrationWriter
 from pacnet.demonstrations import Demonstrations, load_demonstrations
+from pacnet.recorder import Recorder
 from pacnet.schema_network import SchemaNetwork
 from train.learning_log import LearningLog
 from train.postural_episodes import (
@@ -120,12 +120,12 @@ def demonstrate(seed: int, dataset: Path) -> dict[str, Shown]:
     """One demonstration of each behaviour, watched by a resting imitator; also as a dataset."""
     seeds = deal(demonstration_seeds(seed, len(SCHEMAS)))
     shown = {}
-    with DemonstrationWriter(dataset, FPS, FEATURES, "schema_network") as writer:
+    with Recorder(dataset, FPS, FEATURES, "schema_network") as recorder:
         for behaviour in tqdm(SCHEMAS, "recording", unit="episode"):
             shown[behaviour] = watch(
                 make_environment(Condition(behaviour=behaviour)), seeds[behaviour][0]
             )
-            writer.save_episode(behaviour, frames_of(shown[behaviour].percepts))
+            recorder.save_episode(behaviour, frames_of(shown[behaviour].percepts))
     return shown
 
 

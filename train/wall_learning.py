@@ -24,9 +24,9 @@ from pacnet import (
     SOFMConfig,
     targets_ahead,
 )
-from pacnet.demonstration_writer import DemonstrationWriter
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.fitting import MAX_EPOCHS, FitReport
+from pacnet.recorder import Recorder
 from train.learning_log import LearningLog
 from train.wall_episodes import TAUGHT_SIDES, Transitions, follow, following_seeds, shares, wander
 
@@ -61,19 +61,19 @@ def task_of(side: str) -> str:
 
 def record_wandering(folder: Path, arena: str | int, seed: int, steps: int) -> None:
     """Wanders, and writes the transitions as one episode of a LeRobot dataset."""
-    with DemonstrationWriter(folder, FPS, FEATURES, ROBOT) as writer:
-        writer.save_episode("wander", _frames(wander(arena, steps, seed)))
+    with Recorder(folder, FPS, FEATURES, ROBOT) as recorder:
+        recorder.save_episode("wander", _frames(wander(arena, steps, seed)))
 
 
 def record_following(folder: Path, arena: str | int, seed: int) -> None:
     """Follows the teacher along left walls, then along right ones, into a LeRobot dataset."""
     total = len(TAUGHT_SIDES) * EPISODES_A_SIDE * EPISODE_STEPS
     with (
-        DemonstrationWriter(folder, FPS, FEATURES, ROBOT) as writer,
+        Recorder(folder, FPS, FEATURES, ROBOT) as recorder,
         tqdm(total=total, desc="following", unit="step") as progress,
     ):
         for side, followed in _follow_both_sides(arena, seed, progress.update):
-            writer.save_episode(task_of(TAUGHT_SIDES[side]), _frames(followed))
+            recorder.save_episode(task_of(TAUGHT_SIDES[side]), _frames(followed))
 
 
 def load_episodes(folder: Path) -> list[Episode]:

@@ -96,7 +96,7 @@ def _draw_novelty(axes: Axes, seconds: NDArray, novelty: NDArray, threshold: flo
     tidy(axes, "Novelty", "", "novelty")
     axes.plot(seconds, novelty, color=INK, linewidth=1.2)
     axes.axhline(threshold, color=INK, linestyle=":", linewidth=1.4)
-    axes.set_ylim(0, 1)
+    axes.set_ylim(0, max(1, 1.05 * float(novelty.max())))
 
 
 def _draw_winners(axes: Axes, seconds: NDArray, winners: NDArray, named: NDArray) -> None:

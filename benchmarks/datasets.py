@@ -1,0 +1,183 @@
+"""Recording and reading datasets, beside LeRobot's own writer and reader.
+
+Run it alone with `python -m benchmarks.datasets`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.harness import NOTHING, Contestant, Table, factor, number, race, run_alone
+from pacnet.demonstrations import load_demonstrations
+from pacnet.lerobot_files import DatasetError
+from pacnet.recorder import Recorder, recover
+
+EPISODES, LENGTH, DIMENSIONS, FPS = 30, 1000, 6, 50
+FRAMES = EPISODES * LENGTH
+NAMES = tuple(f"joint {number}" for number in range(DIMENSIONS))
+STATE = "observation.state"
+SAMPLED = 500  # frames read by index
+KILLED_AFTER = 20  # episodes
+WANTED_WRITING, WANTED_READING = 5, 20
+
+WRITING = f"""{EPISODES} episodes of {LENGTH:,} frames of {DIMENSIONS} numbers into a new dataset,
+imports left out. LeRobot is given whole episodes (`save_episode(episode_data=...)`), which is its
+fastest way. `Recorder` flushes every episode to the disk before it goes on.
+"""
+READING = f"""All {FRAMES:,} frames of such a dataset as tensors. `ds[i]` is LeRobot's way to one
+frame, measured over {SAMPLED} at random; its dataset is already open, while `load_demonstrations`
+begins with the files.
+"""
+KILLING = f"""A process that records such a dataset is killed as soon as `save_episode` has returned
+for the {KILLED_AFTER}th time; then the dataset is completed, where there is a way to, and read.
+"""
+CHILD = """
+from benchmarks import datasets
+from pathlib import Path
+datasets.{write}(Path({root!r}), lambda: print(flush=True))
+"""
+
+
+def episodes(seed: int = 0) -> Iterator[np.ndarray]:
+    """The episodes, float32 `[LENGTH, DIMENSIONS]` each."""
+    rng = np.random.default_rng(seed)
+    for _ in range(EPISODES):
+        yield rng.standard_normal((LENGTH, DIMENSIONS), np.float32).cumsum(axis=0)
+
+
+def write_ours(root: Path, told: Callable[[], None] = lambda: None) -> None:
+    """Records all episodes with `Recorder`, and tells after each."""
+    with Recorder(root, FPS, {STATE: NAMES}) as recorder:
+        for episode in episodes():
+            recorder.save_episode("task", {STATE: episode})
+            told()
+
+
+def write_stock(root: Path, told: Callable[[], None] = lambda: None) -> None:
+    """The same with LeRobot."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    features = {STATE: {"dtype": "float32", "shape": (DIMENSIONS,), "names": list(NAMES)}}
+    dataset = LeRobotDataset.create(
+        "local/stock", FPS, features, root=root, use_videos=False, video_backend="pyav"
+    )
+    time = np.arange(LENGTH)
+    for count, episode in enumerate(episodes()):
+        columns: dict[str, Any] = {"size": LENGTH, "task": ["task"] * LENGTH, STATE: episode}
+        columns |= {"frame_index": time, "timestamp": time / FPS, "episode_index": count}
+        dataset.save_episode(columns | {"index": (), "task_index": ()})
+        told()
+    dataset.finalize()
+
+
+@contextmanager
+def quiet_lerobot() -> Iterator[Path]:
+    """A folder to work in, where the library that LeRobot reads with also keeps its copies."""
+    import datasets
+
+    datasets.disable_progress_bars()
+    with tempfile.TemporaryDirectory() as folder:
+        datasets.config.HF_DATASETS_CACHE = Path(folder) / "cache"
+        yield Path(folder)
+
+
+def into_new_folders(write: Callable[[Path], None], folder: Path) -> Contestant:
+    """A contestant that writes a dataset."""
+    numbers = itertools.count()
+
+    def prepare() -> Callable[[], None]:
+        root = folder / f"{write.__name__}{next(numbers)}"
+        return lambda: write(root)
+
+    return prepare
+
+
+def measure_writing(folder: Path) -> Table:
+    """Both writers."""
+    contestants = {"LeRobot": write_stock, "`pacnet.recorder.Recorder`": write_ours}
+    prepared = {name: into_new_folders(write, folder) for name, write in contestants.items()}
+    stock, ours = race(prepared, budget=60, most=5).values()
+    names = [*contestants]
+    rows = [
+        (names[0], number(stock), NOTHING, NOTHING),
+        (names[1], number(ours), factor(stock / ours), f"≥ {WANTED_WRITING} ×"),
+    ]
+    return Table("Recording a dataset", WRITING, ("who", "s", "faster", "wanted"), rows)
+
+
+def measure_reading(folder: Path) -> Table:
+    """Both readers."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    root = folder / "read"
+    write_ours(root)
+    dataset = LeRobotDataset("local/read", root=root, video_backend="pyav")
+    sampled = np.random.default_rng(0).choice(FRAMES, SAMPLED, replace=False).tolist()
+    runs: dict[str, Callable[[], object]] = {
+        "`ds[i]`": lambda: [dataset[index] for index in sampled],
+        "`ds.hf_dataset` in tensors at once": lambda: dataset.hf_dataset.with_format("torch")[:],
+        "`load_demonstrations`": lambda: load_demonstrations(root, action=STATE),
+    }
+    times = race({name: lambda run=run: run for name, run in runs.items()})
+    times["`ds[i]`"] *= FRAMES / SAMPLED
+    stock = times["`ds[i]`"]
+    rows = [
+        (name, number(1e3 * time), factor(stock / time), NOTHING) for name, time in times.items()
+    ]
+    rows[0] = (*rows[0][:2], NOTHING, NOTHING)
+    rows[-1] = (*rows[-1][:3], f"≥ {WANTED_READING} ×")
+    return Table("Reading a dataset", READING, ("who", "ms", "faster", "wanted"), rows)
+
+
+def measure_killing(folder: Path) -> Table:
+    """What both writers leave when they are killed."""
+    rows = []
+    for name, write in {"LeRobot": write_stock, "`Recorder`": write_ours}.items():
+        root = folder / f"killed_{write.__name__}"
+        code = CHILD.format(write=write.__name__, root=str(root))
+        command = [sys.executable, "-c", code]
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        ) as process:
+            assert process.stdout is not None
+            for _ in range(KILLED_AFTER):
+                process.stdout.readline()
+            process.kill()
+        rows.append((name, str(KILLED_AFTER), str(count_episodes(root))))
+    return Table("A recording that is killed", KILLING, ("who", "saved", "read"), rows)
+
+
+def count_episodes(root: Path) -> int:
+    """Episodes that can be read in what a killed process left."""
+    recover(root)
+    try:
+        return len(load_demonstrations(root, action=STATE))
+    except DatasetError:
+        return 0
+
+
+def measure() -> list[Table]:
+    """Writing, reading, and being killed."""
+    try:
+        with quiet_lerobot() as folder:
+            return [measure_writing(folder), measure_reading(folder), measure_killing(folder)]
+    except ImportError:
+        return [Table("Datasets", WRITING, ("who", "s"), [("needs LeRobot", NOTHING)])]
+
+
+def main() -> None:
+    """Measures and prints."""
+    run_alone(__doc__, measure)
+
+
+if __name__ == "__main__":
+    main()

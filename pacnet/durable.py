@@ -1,0 +1,38 @@
+"""Files that are whole and on the disk before anything rests on them."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+NEW = ".new"  # suffix of a file that is not whole yet
+
+
+@contextmanager
+def written_through(path: Path) -> Iterator[IO[bytes]]:
+    """A file to write, which is down on the disk after the block: its rename cannot overtake it."""
+    with path.open("wb") as file:
+        yield file
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def put_in_place(path: Path, content: bytes) -> None:
+    """Writes a file that is there as a whole or not at all, whenever the process is killed."""
+    fresh = path.with_name(path.name + NEW)
+    with written_through(fresh) as file:
+        file.write(content)
+    fresh.replace(path)
+    flush_folder(path.parent)
+
+
+def flush_folder(folder: Path) -> None:
+    """Makes the renames and deletions in a folder durable, where the system can."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

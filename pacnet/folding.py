@@ -1,0 +1,154 @@
+"""The journal of a recording becomes part of its dataset, or the dataset's beginning.
+
+All new files are staged and take their places together (`pacnet.staging`), in an order in which
+LeRobot reads the dataset as it was until `meta/episodes` and `meta/info.json` are the new ones. The
+statistics are those of all frames: each fold reads the old ones, and writes none of them.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pacnet.arrow_columns import to_arrow, to_numpy
+from pacnet.dataset_files import (
+    STATISTICS,
+    TASKS,
+    Dataset,
+    FileNumber,
+    check_same,
+    new_dataset,
+    read_column,
+    read_dataset,
+)
+from pacnet.dataset_statistics import statistics
+from pacnet.dataset_tables import episodes_table, json_bytes, tasks_table
+from pacnet.durable import written_through
+from pacnet.frame_files import FrameFiles
+from pacnet.journal import Journal, read_episode
+from pacnet.recording import Recording
+from pacnet.staging import INFO, Stage, settle
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+def fold(journal: Journal) -> int:
+    """Fold all episodes of a journal, after completing what a killed process began.
+
+    Returns:
+        How many episodes were folded.
+
+    Raises:
+        DatasetError: The dataset cannot be read, or its files contradict one another.
+        ValueError: The dataset is of something else by now.
+    """
+    settle(journal.folder)
+    episodes = journal.episodes()
+    if episodes:
+        dataset = find_dataset(journal.root, read_episode(episodes[0])[0])
+        stage = Stage(journal.folder)
+        _stage_files(journal.root, dataset, episodes, stage)
+        stage.commit(episodes)
+    return len(episodes)
+
+
+def find_dataset(root: Path, recording: Recording) -> Dataset:
+    """The dataset that a recording is appended to, or a new one.
+
+    Raises:
+        DatasetError: The dataset cannot be read, or its files contradict one another.
+        ValueError: It is of something else.
+    """
+    if not (root / INFO).exists():
+        return new_dataset(recording)
+    dataset = read_dataset(root)
+    check_same(root, dataset.info, recording)
+    return dataset
+
+
+def _stage_files(root: Path, dataset: Dataset, episodes: Sequence[Path], stage: Stage) -> None:
+    """Write the dataset's next files, those first that nobody looks for without the others."""
+    tasks = list(dataset.tasks)
+    fresh, rows = _stage_frames(dataset, episodes, tasks, stage)
+    frames = [*(root / dataset.frames_place(number) for number in dataset.frame_files), *fresh]
+    whole = {name: statistics(read_column(frames, name)) for name in dataset.info["features"]}
+    _stage_bytes(stage, STATISTICS, json_bytes(whole))
+    _stage_table(stage, TASKS, tasks_table(tasks))
+    _stage_table(stage, dataset.episodes_place(), episodes_table(rows, dataset.episodes_schema))
+    counts = {
+        "total_episodes": dataset.info["total_episodes"] + len(rows),
+        "total_frames": rows[-1]["dataset_to_index"],
+        "total_tasks": len(tasks),
+    }
+    splits = {"splits": {"train": f"0:{counts['total_episodes']}"}}
+    _stage_bytes(stage, INFO, json_bytes(dataset.info | counts | splits))
+
+
+def _stage_frames(
+    dataset: Dataset, episodes: Sequence[Path], tasks: list[str], stage: Stage
+) -> tuple[list[Path], list[dict[str, Any]]]:
+    """The files of the new frames and the descriptions of their episodes; new tasks are added."""
+    info, rows = dataset.info, []
+    start = info["total_frames"]
+    with FrameFiles(dataset, stage) as files:
+        for number, path in enumerate(episodes, start=info["total_episodes"]):
+            _, task, table = read_episode(path)
+            if task not in tasks:
+                tasks.append(task)
+            table = _with_own_columns(info, table, start, number, tasks.index(task))
+            place = files.add(table)
+            rows.append(_described(table, task) | _placed("data", place))
+            rows[-1] |= _placed("meta/episodes", dataset.next_episodes)
+            start += len(table)
+    return files.paths, rows
+
+
+def _with_own_columns(
+    info: dict[str, Any], table: "pa.Table", start: int, episode: int, task: int
+) -> "pa.Table":
+    """An episode's features and the format's own columns, in the dataset's order."""
+    time = np.arange(len(table), dtype=np.int64)
+    own = {
+        "timestamp": (time / info["fps"]).astype(np.float32),
+        "frame_index": time,
+        "episode_index": np.full_like(time, episode),
+        "index": start + time,
+        "task_index": np.full_like(time, task),
+    }
+    for name, column in own.items():
+        table = table.append_column(name, to_arrow(column[:, None]))
+    return table.select(list(info["features"]))
+
+
+def _described(table: "pa.Table", task: str) -> dict[str, Any]:
+    """An episode's row in `meta/episodes`, but for where its files are."""
+    start = table["index"][0].as_py()
+    row = {
+        "episode_index": table["episode_index"][0].as_py(),
+        "tasks": [task],
+        "length": len(table),
+        "dataset_from_index": start,
+        "dataset_to_index": start + len(table),
+    }
+    for feature in table.column_names:
+        found = statistics(to_numpy(table[feature].chunks))
+        row |= {f"stats/{feature}/{name}": value for name, value in found.items()}
+    return row
+
+
+def _placed(kind: str, file: FileNumber) -> dict[str, int]:
+    return {f"{kind}/{name}": number for name, number in file._asdict().items()}
+
+
+def _stage_bytes(stage: Stage, place: str, content: bytes) -> None:
+    with written_through(stage.add(place)) as file:
+        file.write(content)
+
+
+def _stage_table(stage: Stage, place: str, table: "pa.Table") -> None:
+    import pyarrow.parquet as pq
+
+    with written_through(stage.add(place)) as file:
+        pq.write_table(table, file, compression="snappy")

@@ -1,0 +1,134 @@
+"""The journal of a recording: each finished episode in a file of its own, until all are folded.
+
+It lies in the dataset's folder, as `journal/`, and goes when the recording is closed. Who holds the
+lock in it records. Each episode's file says all that is needed to make a dataset of it.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from numpy.typing import NDArray
+
+from pacnet.arrow_columns import to_arrow
+from pacnet.durable import put_in_place
+from pacnet.lerobot_files import DatasetError
+from pacnet.lock import lock_file
+from pacnet.recording import Feature, Recording
+from pacnet.staging import is_complete
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_FOLDER, _LOCK = "journal", "lock"
+_HEADER = b"pacnet"  # key of an episode's description in its file
+
+
+class Journal:
+    """The journal of one dataset, this process's alone until it is closed.
+
+    Attributes:
+        root: The dataset's folder.
+        folder: The journal's.
+    """
+
+    def __init__(self, root: Path) -> None:
+        """Make the folders where they are missing, and take the lock.
+
+        Raises:
+            BlockingIOError: Somebody else records into the dataset.
+        """
+        self.root, self.folder = root, root / _FOLDER
+        self._made_root = not root.exists()
+        try:
+            self._lock = lock_file(self.folder / _LOCK)
+        except BlockingIOError:
+            raise BlockingIOError(
+                f"expected to record into {root} alone, another recording into it goes on"
+            ) from None
+
+    def episodes(self) -> list[Path]:
+        """The files of the episodes, in the order in which they were saved."""
+        return _episodes(self.folder)
+
+    def add(self, recording: Recording, task: str, columns: Mapping[str, NDArray]) -> None:
+        """Append an episode, which is on the disk when this returns.
+
+        Args:
+            recording: What it is an episode of.
+            task: The task in words.
+            columns: Feature name -> its values, [T, D] of the feature's dtype.
+        """
+        last = self.episodes()[-1:]
+        number = int(last[0].stem.removeprefix("episode-")) + 1 if last else 0
+        content = _episode_bytes(recording, task, columns)
+        put_in_place(self.folder / f"episode-{number:06d}.arrow", content)
+
+    def close(self) -> None:
+        """Release the lock; folders that hold nothing then go."""
+        (self.folder / _LOCK).unlink(missing_ok=True)
+        if not any(self.folder.iterdir()):
+            self.folder.rmdir()
+            if self._made_root and not any(self.root.iterdir()):
+                self.root.rmdir()
+        self._lock.close()
+
+    def __enter__(self) -> Self:
+        """The journal, which is open from its making on."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Release the lock."""
+        self.close()
+
+
+def read_episode(path: Path) -> tuple[Recording, str, "pa.Table"]:
+    """What an episode belongs to, its task, and its features, one row per frame."""
+    import pyarrow as pa
+
+    with pa.OSFile(str(path)) as file, pa.ipc.open_file(file) as reader:
+        table = reader.read_all()
+    told = json.loads(table.schema.metadata[_HEADER])
+    features = {name: Feature(tuple(names), dtype) for name, names, dtype in told["features"]}
+    recording = Recording(told["fps"], features, told["robot_type"])
+    return recording, told["task"], table.replace_schema_metadata()
+
+
+def has_journal(root: Path) -> bool:
+    """Whether there is a journal in a dataset's folder, be it empty."""
+    return (root / _FOLDER).is_dir()
+
+
+def check_folded(root: str | Path) -> None:
+    """Refuse a dataset with episodes in its journal, which no reader finds there.
+
+    Raises:
+        DatasetError: There are some; the message says how they become part of the dataset.
+    """
+    journal = Path(root) / _FOLDER
+    count = len(_episodes(journal))
+    if count and not is_complete(journal):
+        raise DatasetError(
+            f"{root} has {count} episodes in its journal: the recording goes on, or was killed and "
+            f"is completed by pacnet.recorder.recover({str(root)!r})"
+        )
+
+
+def _episodes(journal: Path) -> list[Path]:
+    return sorted(journal.glob("episode-*.arrow"))
+
+
+def _episode_bytes(recording: Recording, task: str, columns: Mapping[str, NDArray]) -> bytes:
+    import pyarrow as pa
+
+    features = [(name, told.names, told.dtype) for name, told in recording.features.items()]
+    told = recording._asdict() | {"features": features, "task": task}
+    table = pa.table(
+        {name: to_arrow(columns[name]) for name in recording.features},
+        metadata={_HEADER: json.dumps(told).encode()},
+    )
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, table.schema) as writer:
+        writer.write_table(table)
+    return sink.getvalue().to_pybytes()

@@ -1,0 +1,125 @@
+"""What all episodes of a recording have in common, and whether an episode fits."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# Columns that LeRobot's format fills in by itself.
+RESERVED = ("timestamp", "frame_index", "episode_index", "index", "task_index", "task")
+_STORED = {
+    "float32": "float32 or float64",
+    "int64": "integers",
+    "bool": "booleans",
+}  # dtype -> what is accepted for it
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A feature that is not stored as float32, or is and says so.
+
+    Attributes:
+        names: Names of its dimensions.
+        dtype: `float32`, `int64` or `bool`.
+    """
+
+    names: Sequence[str]
+    dtype: str = "float32"
+
+
+class Recording(NamedTuple):
+    """What all episodes of a recording have in common.
+
+    Attributes:
+        fps: Frames per second [1/s].
+        features: Feature name -> what it holds.
+        robot_type: What was recorded, or None.
+    """
+
+    fps: int
+    features: dict[str, Feature]
+    robot_type: str | None
+
+
+def checked_features(features: Mapping[str, Sequence[str] | Feature]) -> dict[str, Feature]:
+    """The features by name, those given by the names of their dimensions alone as float32.
+
+    Raises:
+        ValueError: There is none, one is without dimensions, has two of one name or is of another
+            dtype, or its name is one that LeRobot cannot store.
+    """
+    if not features:
+        raise ValueError("expected at least one feature, got none")
+    return {name: _checked_feature(name, told) for name, told in features.items()}
+
+
+def _checked_feature(name: str, told: Sequence[str] | Feature) -> Feature:
+    if name in RESERVED or "/" in name:
+        raise ValueError(
+            f"expected feature names without '/' and other than {', '.join(RESERVED)}, got {name!r}"
+        )
+    names, dtype = (told.names, told.dtype) if isinstance(told, Feature) else (told, "float32")
+    if isinstance(names, str) or not names or len(set(names)) != len(names):
+        raise ValueError(f"expected {name!r} to have distinct dimension names, got {names!r}")
+    if dtype not in _STORED:
+        raise ValueError(f"expected {name!r} of dtype {', '.join(_STORED)}, got {dtype!r}")
+    return Feature(tuple(names), dtype)
+
+
+def checked_frames(
+    features: Mapping[str, Feature], frames: Mapping[str, ArrayLike]
+) -> dict[str, NDArray[np.generic]]:
+    """An episode's arrays as they are stored.
+
+    Args:
+        features: Feature name -> what it holds, at least one feature.
+        frames: Feature name -> its values, [T, D].
+
+    Returns:
+        Feature name -> its values, [T, D] of the feature's dtype, all of one T.
+
+    Raises:
+        ValueError: A feature is missing or unknown, or an array is of another shape or dtype,
+            empty, not finite in float32, beyond int64, or not as long as the others.
+    """
+    if set(frames) != set(features):
+        raise ValueError(f"expected the features {sorted(features)}, got {sorted(frames)}")
+    columns = {name: _checked_rows(name, frames[name], told) for name, told in features.items()}
+    lengths = {name: len(rows) for name, rows in columns.items()}
+    if len(set(lengths.values())) != 1:
+        raise ValueError(f"expected as many frames in every feature, got {lengths}")
+    return columns
+
+
+def _checked_rows(name: str, values: ArrayLike, told: Feature) -> NDArray[np.generic]:
+    """One feature's values, [T, D] of its dtype, or a ValueError."""
+    rows, dimension = np.asarray(values), len(told.names)
+    wanted = f"expected {name!r} as {_STORED[told.dtype]} of shape [T > 0, {dimension}]"
+    if not _accepted(rows.dtype, told.dtype):
+        raise ValueError(f"{wanted}, got dtype {rows.dtype}")
+    if rows.ndim != 2 or rows.shape[1] != dimension or len(rows) == 0:
+        raise ValueError(f"{wanted}, got shape {list(rows.shape)}")
+    if told.dtype == "float32":
+        return _checked_floats(rows, wanted)
+    if rows.dtype == np.uint64 and rows.max() > np.iinfo(np.int64).max:
+        raise ValueError(f"{wanted} below 2**63, got {rows.max()}")
+    return np.ascontiguousarray(rows, dtype=told.dtype)
+
+
+def _accepted(given: np.dtype, stored: str) -> bool:
+    if stored == "float32":
+        return given in (np.float32, np.float64)
+    return given.kind in ("iu" if stored == "int64" else "b")
+
+
+def _checked_floats(rows: NDArray[np.generic], wanted: str) -> NDArray[np.float32]:
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused
+        floats = np.ascontiguousarray(rows, dtype=np.float32)
+    bad = np.argwhere(~np.isfinite(floats))
+    if len(bad):
+        raise ValueError(
+            f"{wanted} and finite, got {len(bad)} others, the first in row {bad[0][0]}"
+        )
+    return floats

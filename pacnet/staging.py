@@ -1,0 +1,115 @@
+"""Files of a dataset that are replaced together, whenever the process is killed.
+
+They are written into a staging folder. A list of their places, renamed into its name once all of
+them are on the disk, is the instant from which they count; then they are moved, one by one. Killed
+before that instant, the process leaves the old files; after it, what is left to move is in the
+list. `meta/info.json` is always the last: as long as it is staged, not all are in place, and once
+it is not, they are.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from pacnet.durable import NEW, flush_folder, put_in_place
+
+INFO = "meta/info.json"
+_LIST = "fold.json"
+_STAGED = "fold"
+
+
+class Stage:
+    """Files on their way to their places.
+
+    Attributes:
+        places: The files' places in the dataset's folder, in the order in which they move there.
+    """
+
+    def __init__(self, journal: Path) -> None:
+        """An empty stage; what was staged and not committed before goes."""
+        self._journal = journal
+        self._folder = journal / _STAGED
+        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.mkdir()
+        self.places: list[str] = []
+
+    def add(self, place: str) -> Path:
+        """Where to write the file for a place, down to the disk."""
+        self.places.append(place)
+        return self._folder / str(len(self.places) - 1)
+
+    def commit(self, folded: Sequence[Path]) -> None:
+        """Put all files, of which `meta/info.json` is the last added, into their places.
+
+        Args:
+            folded: Files of the journal whose content is in the staged ones; they are deleted.
+        """
+        assert self.places[-1] == INFO  # the last to move
+        flush_folder(self._folder)
+        listed = {
+            "places": self.places,
+            "info": _digest(self._journal.parent / INFO),
+            "folded": [path.name for path in folded],
+        }
+        put_in_place(self._journal / _LIST, json.dumps(listed).encode())
+        settle(self._journal)
+
+
+def settle(journal: Path) -> None:
+    """Complete what was committed, or drop what was not, before anything else is folded.
+
+    Where somebody else has changed the dataset since, the commit is dropped: what it was made from
+    is still in the journal.
+    """
+    if (journal / _LIST).exists():
+        listed = json.loads((journal / _LIST).read_bytes())
+        root, staged = journal.parent, _staged_info(journal, listed["places"])
+        if staged.exists() and _digest(root / INFO) == listed["info"]:
+            _move(journal, listed["places"])
+        if not staged.exists():
+            for name in listed["folded"]:
+                (journal / name).unlink(missing_ok=True)
+            flush_folder(journal)
+        (journal / _LIST).unlink()
+        flush_folder(journal)
+    shutil.rmtree(journal / _STAGED, ignore_errors=True)
+    for path in journal.glob(f"*{NEW}"):
+        path.unlink()
+
+
+def is_complete(journal: Path) -> bool:
+    """Whether all that was committed is in place, and only the journal is still to be cleared."""
+    try:
+        listed = json.loads((journal / _LIST).read_bytes())
+    except FileNotFoundError:
+        return False
+    return not _staged_info(journal, listed["places"]).exists()
+
+
+def _staged_info(journal: Path, places: Sequence[str]) -> Path:
+    return journal / _STAGED / str(len(places) - 1)
+
+
+def _move(journal: Path, places: Sequence[str]) -> None:
+    root = journal.parent
+    for number, place in enumerate(places):
+        staged, target = journal / _STAGED / str(number), root / place
+        if place == INFO:  # it says that all others are there
+            _flush_folders(root, places)
+        if staged.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            staged.replace(target)
+    flush_folder((root / INFO).parent)
+
+
+def _flush_folders(root: Path, places: Sequence[str]) -> None:
+    """Make durable what was moved, and the folders that were made for it."""
+    for folder in sorted({parent for place in places for parent in Path(place).parents}):
+        if (root / folder).exists():
+            flush_folder(root / folder)
+
+
+def _digest(path: Path) -> str | None:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else None
