@@ -3,57 +3,19 @@
 After Maistros, Marom & Hayes, "Perception-Action Coupling via Imitation and Attention" (2001).
 """
 
-from pacnet.attention import NOBODY, Attention, Observation, Step
-from pacnet.belief import RecognitionConfig
-from pacnet.competing_schemas import CompetingSchemas
-from pacnet.competing_schemas_config import CompetingSchemasConfig
-from pacnet.competition import Competition, CompetitionConfig
-from pacnet.ensemble import SOFMEnsemble
-from pacnet.forward_model import Command, ForwardModel, OneStateForwardModel, Selection
-from pacnet.mlp_forward_model import MLPForwardModel, MLPForwardModelConfig
-from pacnet.network import Action, Decision, PACNet, Recall
-from pacnet.network_config import PACNetConfig
-from pacnet.pid import PIDConfig, PIDController
-from pacnet.recognition import Recognition
-from pacnet.schema_network import SchemaNetwork, SchemaNetworkConfig
-from pacnet.schemas import MotorSchemas, MotorSchemasConfig
-from pacnet.sofm import HabituatingSOFM
-from pacnet.sofm_config import SOFMConfig
-from pacnet.targets import targets_ahead
-from pacnet.transition_matrix import TransitionMatrix, TransitionMatrixConfig
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "NOBODY",
-    "Action",
-    "Attention",
-    "Command",
-    "CompetingSchemas",
-    "CompetingSchemasConfig",
-    "Competition",
-    "CompetitionConfig",
-    "Decision",
-    "ForwardModel",
-    "HabituatingSOFM",
-    "MLPForwardModel",
-    "MLPForwardModelConfig",
-    "MotorSchemas",
-    "MotorSchemasConfig",
-    "Observation",
-    "OneStateForwardModel",
-    "PACNet",
-    "PACNetConfig",
-    "PIDConfig",
-    "PIDController",
-    "Recall",
-    "Recognition",
-    "RecognitionConfig",
-    "SOFMConfig",
-    "SOFMEnsemble",
-    "SchemaNetwork",
-    "SchemaNetworkConfig",
-    "Selection",
-    "Step",
-    "TransitionMatrix",
-    "TransitionMatrixConfig",
-    "targets_ahead",
-]
+if TYPE_CHECKING:
+    from pacnet.api import *  # noqa: F403
+
+
+# PyTorch takes seconds to import, which `pacnet --help` has no need of.
+def __getattr__(name: str) -> Any:
+    if name.startswith("__") and name != "__all__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("pacnet.api"), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__getattr__("__all__")]

@@ -7,6 +7,7 @@ demonstrations it learned, and gives no action where the percept is new.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -49,8 +50,8 @@ class Lesson(NamedTuple):
     """Nodes that the map had then."""
     novel_share: float
     """Of its frames that were novel to the map when they came."""
-    unfamiliar: float
-    """Its largest novelty before it was learned, as of `ImitatorStep`; NaN for the first."""
+    unfamiliar: float | None
+    """Its largest novelty before it was learned, as of `ImitatorStep`; None for the first."""
 
 
 class ImitatorStep(NamedTuple):
@@ -141,7 +142,7 @@ class Imitator(nn.Module):
 
     @torch.no_grad()
     def learn(
-        self, demonstrations: Demonstrations, progress: Callable[[int], None] | None = None
+        self, demonstrations: Demonstrations, progress: Callable[[int], object] | None = None
     ) -> list[Lesson]:
         """Watches each demonstration once, in order, and goes on from what it knows.
 
@@ -245,7 +246,7 @@ class Imitator(nn.Module):
     def _check(self, demonstrations: Demonstrations) -> None:
         """Refuses demonstrations of something else than what is known."""
         wanted = {**self.config.percepts, "action": self.config.action}
-        got = {**demonstrations.percept_names, "action": demonstrations.action_names}
+        got = {**demonstrations.percept_features, "action": demonstrations.action_names}
         for name in wanted.keys() | got.keys():
             if wanted.get(name) != got.get(name):
                 raise ValueError(
@@ -268,7 +269,7 @@ class Imitator(nn.Module):
         )
 
     def _learn_one(
-        self, dataset: str, shown: Demonstration, progress: Callable[[int], None] | None
+        self, dataset: str, shown: Demonstration, progress: Callable[[int], object] | None
     ) -> None:
         percepts, targets = shown.percepts, self._targets(shown)
         unfamiliar = self._compare(percepts)
@@ -290,11 +291,12 @@ class Imitator(nn.Module):
             return shown.action
         return targets_ahead(shown.state, self.config.lead)
 
-    def _compare(self, percepts: Tensor) -> float:
+    def _compare(self, percepts: Tensor) -> float | None:
         """How unfamiliar a demonstration is before it is learned; what is usual is learned."""
         close_gaps(self._schemas)  # else there would be rows that are nobody's cues
         cues = self._cues() if self.lessons else None
-        return self.familiarity.learn(percepts.numpy() * self._scale, cues)
+        novelty = self.familiarity.learn(percepts.numpy() * self._scale, cues)
+        return None if math.isnan(novelty) else novelty
 
 
 def _listed(names: Sequence[str] | None) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from pacnet.demonstrations import dimension_names
 from pacnet.mlp_forward_model import MLPForwardModelConfig
 from pacnet.network_config import PACNetConfig
 from pacnet.validation import check_fields, is_integer, is_number
@@ -64,12 +65,8 @@ class ImitatorConfig:
 
     @property
     def percept_names(self) -> tuple[str, ...]:
-        """Names of a percept's dimensions, after their features too where two have one name."""
-        pairs = [(feature, name) for feature, names in self.percepts.items() for name in names]
-        names = tuple(name for _, name in pairs)
-        if len(set(names)) < len(names):
-            return tuple(f"{feature}.{name}" for feature, name in pairs)
-        return names
+        """Names of a percept's D dimensions."""
+        return dimension_names(self.percepts)
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> ImitatorConfig:

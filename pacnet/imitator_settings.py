@@ -44,7 +44,7 @@ def choose_settings(
         novelty_threshold=NOVELTY_THRESHOLD,
         winner_tau=max(1.0, SETTLING * fps),
     )
-    percepts, action = demonstrations.percept_names, demonstrations.action_names
+    percepts, action = demonstrations.percept_features, demonstrations.action_names
     state = next(iter(percepts.values()))
     unusual = max(LEAST_UNUSUAL, UNUSUAL * scaling.noise)
     schemas = CompetingSchemasConfig(

@@ -93,7 +93,7 @@ def test_lessons_tell_what_was_learned(demonstrations: Demonstrations):
     assert later[0].dataset == "later"
     assert later[0].task == "reach far"
     assert later[0].frames == FRAMES
-    assert math.isnan(first[0].unfamiliar)
+    assert first[0].unfamiliar is None
     assert later[0].unfamiliar > 1
     assert sum(lesson.new_nodes for lesson in imitator.lessons) == len(imitator.network.sofm)
     assert later[0].nodes == len(imitator.network.sofm)
@@ -132,8 +132,7 @@ def test_the_first_action_is_the_mean_of_the_first_ones(taught: Imitator):
 def test_saved_and_loaded_it_is_the_same(taught: Imitator, tmp_path: Path):
     taught.save_pretrained(tmp_path / "checkpoint")
     loaded = Imitator.from_pretrained(tmp_path / "checkpoint")
-    assert loaded.lessons == taught.lessons or math.isnan(loaded.lessons[0].unfamiliar)
-    assert loaded.lessons[1:] == taught.lessons[1:]
+    assert loaded.lessons == taught.lessons
     assert isinstance(loaded.lessons[0], Lesson)
     assert loaded.config == taught.config
     percepts = torch.cat([reach(100).percepts[:150], reach(101, glass=0.2).percepts[:20]])

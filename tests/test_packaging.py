@@ -22,14 +22,30 @@ LEFT_OUT = (
 )
 
 
-def test_importing_pacnet_imports_torch_and_numpy_alone():
-    code = f"import sys, pacnet; print(sorted(set({LEFT_OUT}) & set(sys.modules)))"
-
+def loaded(code: str, modules: tuple[str, ...]) -> str:
+    """Which of the modules a new process has loaded after running the code."""
+    code = f"import sys; {code}; print(*sorted(set({modules}) & set(sys.modules)))"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=PROJECT, capture_output=True, text=True, check=True
     )
+    return done.stdout.strip()
 
-    assert done.stdout.strip() == "[]"
+
+def test_the_names_of_pacnet_need_torch_and_numpy_alone():
+    assert loaded("from pacnet import *; PACNet", LEFT_OUT) == ""
+
+
+def test_the_command_line_explains_itself_without_torch():
+    assert loaded("import pacnet.cli; pacnet.cli.make_parser()", ("torch", "numpy")) == ""
+
+
+def test_pacnet_has_the_names_that_it_lists_and_no_others():
+    import pacnet
+
+    assert set(pacnet.__all__) <= set(dir(pacnet))
+    assert all(getattr(pacnet, name) is not None for name in pacnet.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'Teacher'"):
+        pacnet.Teacher  # noqa: B018
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import torch
 from matplotlib.colors import to_hex
@@ -15,12 +16,14 @@ from torch import Tensor
 
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from pacnet.competing_schemas import CompetingSchemasConfig
-from pacnet.demonstration_writer import DemonstrationWriter
-from pacnet.demonstrations import Demonstration, Demonstrations, load_demonstrations
+from pacnet.demonstrations import Demonstration
+from pacnet.lerobot_files import read_info
 from pacnet.recognition import Recognition
+from pacnet.recognition_figures import recognition_over_time
+from pacnet.recorder import Recorder
+from pacnet.watching import Watched, column_names, column_values
 from train import recognise
-from train.recognition_figures import recognition_over_time
-from train.recognition_scores import Watched, print_table, score_all, score_episode
+from train.recognition_scores import print_table, score_all, score_episode
 
 PROJECT = Path(__file__).parents[1]
 BEHAVIOURS = ("drink", "wave")
@@ -111,8 +114,8 @@ def test_the_table_has_a_row_for_each_episode(capsys: pytest.CaptureFixture[str]
 
 
 def test_columns_have_a_dimension_for_each_behaviour_and_part_of_a_percept():
-    names = recognise.column_names(("drink", ""), ("x", "y", "z"))
-    values = recognise.column_values(RIGHT)
+    names = column_names(("drink", ""), ("x", "y", "z"))
+    values = column_values(RIGHT.recognition)
     assert names["behaviour"] == ("drink", "untitled")
     assert names["expected_next"] == names["expected_end"] == ("x", "y", "z")
     assert not [name for name in names if name.startswith(("observation", "action"))]
@@ -208,10 +211,10 @@ def record(root: Path, *tasks: str, surroundings: bool = False) -> Path:
     features = {"observation.state": ("x", "y", "z")}
     if surroundings:
         features = {"observation.state": ("x", "y"), "observation.environment_state": ("z",)}
-    with DemonstrationWriter(root, 20, features, "hand") as writer:
+    with Recorder(root, 20, features, "hand") as recorder:
         for number, task in enumerate(tasks):
             parts = np.split(curve(task, 2000 + number).numpy(), [2] * surroundings, axis=1)
-            writer.save_episode(task, dict(zip(features, parts, strict=True)))
+            recorder.save_episode(task, dict(zip(features, parts, strict=True)))
     return root
 
 
@@ -278,16 +281,23 @@ def test_the_columns_are_what_the_network_recognises_episode_by_episode(
     run: Path, checkpoint: Path, dataset: Path
 ):
     network = PACNet.from_pretrained(checkpoint).eval()
-    names = recognise.column_names(BEHAVIOURS, ("x", "y", "z"))
-    for feature in names:
-        copy = load_demonstrations(run / "dataset", action=feature)
-        assert copy.names[feature] == tuple(names[feature])
-        for episode, original in zip(copy, recognise.load_percepts(dataset), strict=True):
-            network.reset()
-            own = Watched(original, network.recognise(original.percepts))
-            np.testing.assert_array_equal(episode.percepts, original.percepts)
-            expected = recognise.column_values(own)[feature]
-            np.testing.assert_allclose(episode.action, expected, rtol=1e-5, atol=1e-6)
+    names = column_names(BEHAVIOURS, ("x", "y", "z"))
+    features = read_info(run / "dataset")["features"]
+    assert {name: tuple(features[name]["names"]) for name in names} == {
+        name: tuple(dimensions) for name, dimensions in names.items()
+    }
+    table = pq.read_table(run / "dataset" / "data" / "chunk-000" / "file-000.parquet")
+    copies = recognise.load_percepts(run / "dataset")
+    start = 0
+    for copy, original in zip(copies, recognise.load_percepts(dataset), strict=True):
+        np.testing.assert_array_equal(copy.percepts, original.percepts)
+        network.reset()
+        expected = column_values(network.recognise(original.percepts))
+        rows = slice(start, start + len(original.percepts))
+        start = rows.stop
+        for name, values in expected.items():
+            got = np.reshape(table[name].to_pylist()[rows], values.shape)
+            np.testing.assert_allclose(got, values, rtol=1e-5, atol=1e-6)
 
 
 def refusal(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> str:
@@ -354,12 +364,7 @@ def test_a_dataset_that_cannot_be_copied_is_recognised_all_the_same(
     assert json.loads((folder / "metrics.json").read_text())["named_as_recorded_share"] == 1
 
 
-def test_percepts_of_two_features_with_one_name_are_told_apart():
-    nothing = Demonstrations(
-        10, {"observation.state": ("x", "y"), "observation.environment_state": ("x",)}, ()
-    )
-    assert recognise.percept_names(nothing) == (
-        "observation.state.x",
-        "observation.state.y",
-        "observation.environment_state.x",
-    )
+def test_a_novelty_that_has_no_upper_end_stays_within_its_panel():
+    far = RIGHT.recognition._replace(novelty=torch.tensor([0.2, 0.4, 2.0, 9.0, 0.1]))
+    assert panels(far)[2].get_ylim()[1] > 9
+    assert panels(RIGHT.recognition)[2].get_ylim() == (0, 1)

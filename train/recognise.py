@@ -15,24 +15,25 @@ import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import torch
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from pacnet import PACNet
 from pacnet.annotations import check_source, write_annotated
 from pacnet.competing_schemas_config import CompetingSchemasConfig
-from pacnet.demonstrations import Demonstrations, load_demonstrations
-from pacnet.lerobot_files import read_info
-from pacnet.recognition import Recognition
-from train.recognition_figures import recognition_over_time
-from train.recognition_scores import Watched, print_table, score_all, score_episode
+from pacnet.demonstrations import (
+    STATE,
+    Demonstrations,
+    dimension_names,
+    load_demonstrations,
+)
+from pacnet.recognition_figures import recognition_over_time
+from pacnet.watching import Watched, column_names, column_values, joined, shown
+from train.recognition_scores import print_table, score_all, score_episode
 from train.runs import make_parser, natural, run_folder, save_figures, write_metrics
 
-STATE, ENVIRONMENT_STATE = "observation.state", "observation.environment_state"
 CHUNK = 50  # samples between two steps of the progress bar
 
 
@@ -60,15 +61,12 @@ def main() -> None:
 
 def load_percepts(dataset: Path) -> Demonstrations:
     """What there is to watch in a dataset; nobody needs to have acted in it."""
-    surroundings = (
-        ENVIRONMENT_STATE if ENVIRONMENT_STATE in read_info(dataset)["features"] else None
-    )
-    return load_demonstrations(dataset, environment_state=surroundings, action=STATE)
+    return load_demonstrations(dataset, action=STATE)
 
 
 def check(network: PACNet, demonstrations: Demonstrations) -> None:
     """Refuses a network that does not take such percepts, or cannot recognise anything."""
-    takes, got = network.config.attention.dimensions, len(percept_names(demonstrations))
+    takes, got = network.config.attention.dimensions, len(dimension_names(demonstrations.names))
     if takes != got:
         raise ValueError(
             f"expected percepts of {takes} dimensions, as the checkpoint takes, "
@@ -77,21 +75,12 @@ def check(network: PACNet, demonstrations: Demonstrations) -> None:
     network.recognise(demonstrations.episodes[0].percepts[:1])
 
 
-def percept_names(demonstrations: Demonstrations) -> tuple[str, ...]:
-    """The dimensions of a percept, after their features too where two have one name."""
-    pairs = [(part, name) for part, names in demonstrations.names.items() for name in names]
-    names = tuple(name for _, name in pairs)
-    if len(set(names)) < len(names):
-        return tuple(f"{part}.{name}" for part, name in pairs)
-    return names
-
-
 def run(
     arguments: argparse.Namespace, network: PACNet, demonstrations: Demonstrations, folder: Path
 ) -> None:
     """Recognition of all episodes, its scores, figures and dataset."""
     torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
-    columns = column_names(network.behaviours, percept_names(demonstrations))
+    columns = column_names(network.behaviours, dimension_names(demonstrations.names))
     copies = is_copied(arguments.dataset, columns)
     watched = watch(network, demonstrations)
     episodes = [score_episode(one, network.behaviours, demonstrations.fps) for one in watched]
@@ -106,7 +95,8 @@ def run(
     print_table(episodes, totals)
     print(f"\nscores    {folder / 'metrics.json'}\nfigures   {folder / 'figures'}")
     if copies:
-        write_annotated(arguments.dataset, folder / "dataset", columns, map(column_values, watched))
+        values = (column_values(one.recognition) for one in watched)
+        write_annotated(arguments.dataset, folder / "dataset", columns, values)
         print(f"dataset   {folder / 'dataset'}")
 
 
@@ -131,8 +121,7 @@ def watch(network: PACNet, demonstrations: Demonstrations) -> list[Watched]:
             for percepts in demonstration.percepts.split(CHUNK):
                 parts.append(network.recognise(percepts))
                 progress.update(len(percepts))
-            recognition = Recognition(*map(torch.cat, zip(*parts, strict=True)))
-            watched.append(Watched(demonstration, recognition))
+            watched.append(Watched(demonstration, joined(parts)))
     return watched
 
 
@@ -149,41 +138,6 @@ def draw(watched: Sequence[Watched], network: PACNet, fps: float) -> dict[str, F
             one.recognition, titles, threshold, 1 / fps, title
         )
     return figures
-
-
-def shown(behaviours: Sequence[str]) -> tuple[str, ...]:
-    """What the behaviours are called where a name is needed."""
-    return tuple(name or "untitled" for name in behaviours)
-
-
-def column_names(behaviours: Sequence[str], percept: Sequence[str]) -> dict[str, Sequence[str]]:
-    """The extra columns of the dataset and their dimensions.
-
-    Args:
-        behaviours: name of each behaviour that the network knows.
-        percept: name of each dimension of a percept.
-    """
-    scalars = ("progress", "novelty", "is_novel", "winner")
-    return {
-        "behaviour": shown(behaviours),
-        **{name: (name,) for name in scalars},
-        "expected_next": percept,
-        "expected_end": percept,
-    }
-
-
-def column_values(watched: Watched) -> dict[str, NDArray[Any]]:
-    """The extra columns of an episode [T, K]."""
-    recognition = watched.recognition
-    return {
-        "behaviour": recognition.probability.numpy(),
-        "progress": recognition.progress[:, None].numpy(),
-        "novelty": recognition.novelty[:, None].numpy(),
-        "is_novel": recognition.is_novel[:, None].numpy(),
-        "winner": recognition.winner[:, None].numpy(),
-        "expected_next": recognition.next_percept.numpy(),
-        "expected_end": recognition.end_percept.numpy(),
-    }
 
 
 if __name__ == "__main__":

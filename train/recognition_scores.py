@@ -7,27 +7,13 @@ progress is its share of the episode's length, from 0 at the first frame to 1 at
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import torch
 
-from pacnet.demonstrations import Demonstration
-from pacnet.recognition import Recognition
+from pacnet.watching import Watched
 
 _LONGEST_NAME = 30  # letters of a behaviour's name in the table
-
-
-@dataclass(frozen=True, eq=False)
-class Watched:
-    """An episode and what was recognised in each of its frames."""
-
-    demonstration: Demonstration
-    recognition: Recognition
-
-    def known_as(self, behaviours: Sequence[str]) -> bool:
-        """Whether it was recorded as one of these behaviours."""
-        return self.demonstration.task in behaviours
 
 
 def score_episode(watched: Watched, behaviours: Sequence[str], fps: float) -> dict[str, Any]:
@@ -44,10 +30,7 @@ def score_episode(watched: Watched, behaviours: Sequence[str], fps: float) -> di
         mean absolute error of progress, None for an episode of another task.
     """
     recognition, task = watched.recognition, watched.demonstration.task
-    most_probable = recognition.behaviour
-    named = int(most_probable[-1])
-    others = (most_probable != named).nonzero()
-    for_good = int(others[-1]) + 1 if len(others) else 0
+    named, for_good = int(recognition.behaviour[-1]), watched.named_since
     known = watched.known_as(behaviours)
     return {
         "episode": watched.demonstration.episode,
@@ -55,7 +38,7 @@ def score_episode(watched: Watched, behaviours: Sequence[str], fps: float) -> di
         "named": behaviours[named],
         "probability": float(recognition.probability[-1, named]),
         "named_from_s": for_good / fps,
-        "named_from_share": for_good / len(most_probable),
+        "named_from_share": for_good / len(recognition.behaviour),
         "novelty_mean": float(recognition.novelty.mean()),
         "novel_share": float(recognition.is_novel.float().mean()),
         "progress_error_mean": float(_progress_errors(watched).mean()) if known else None,

@@ -1,0 +1,5 @@
+"""`python -m pacnet`: the command line."""
+
+from pacnet.cli import main
+
+raise SystemExit(main())

@@ -1,0 +1,78 @@
+"""Aligned text: tables, and lists of what is what."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+NOTHING = "–"  # what has no value
+_LONGEST = 40  # letters of a cell
+
+
+def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Prints rows under their heads.
+
+    Args:
+        heads: of the columns; those that start with "<" are set flush left, the others right.
+        rows: cells of each row.
+    """
+    lines = [[head.removeprefix("<") for head in heads], *(map(_cut, row) for row in rows)]
+    lines = [list(line) for line in lines]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        cells = [
+            cell.ljust(width) if head.startswith("<") else cell.rjust(width)
+            for head, cell, width in zip(heads, line, widths, strict=True)
+        ]
+        print("  ".join(cells).rstrip())
+
+
+def print_pairs(pairs: Iterable[tuple[str, str]]) -> None:
+    """Prints what is what, one a line."""
+    pairs = list(pairs)
+    width = max(len(name) for name, _ in pairs)
+    for name, told in pairs:
+        print(f"{name:<{width}}  {told}".rstrip())
+
+
+def print_json(document: Any) -> None:
+    """Prints a document for machines; what is no number becomes null, as JSON has no NaN."""
+    print(json.dumps(_without_nan(document), indent=2, ensure_ascii=False))
+
+
+def counted(count: int, one: str, many: str | None = None) -> str:
+    """A number with its noun: 1 node, 2 nodes."""
+    return f"{count:,} {one if count == 1 else many or one + 's'}"
+
+
+def size_of(folder: str | Path) -> int:
+    """Bytes of the checkpoint in a folder."""
+    from pacnet.checkpoint import CONFIG_FILE, TENSOR_FILE
+
+    return sum((Path(folder) / name).stat().st_size for name in (CONFIG_FILE, TENSOR_FILE))
+
+
+def size_text(folder: str | Path) -> str:
+    """The same in kilobytes or megabytes."""
+    size = size_of(folder)
+    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
+
+
+def over_tolerated(novelty: float | None) -> str:
+    """A novelty, which is over what is tolerated; there is none for what came first."""
+    return NOTHING if novelty is None else f"{novelty:.2f}"
+
+
+def _cut(cell: str) -> str:
+    return cell if len(cell) <= _LONGEST else cell[: _LONGEST - 1] + "…"
+
+
+def _without_nan(document: Any) -> Any:
+    if isinstance(document, dict):
+        return {name: _without_nan(value) for name, value in document.items()}
+    if isinstance(document, list | tuple):
+        return [_without_nan(value) for value in document]
+    return None if isinstance(document, float) and not math.isfinite(document) else document

@@ -1,0 +1,60 @@
+"""What an imitator makes of recorded episodes that it watches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from pacnet.cli.progress import progress_bar
+from pacnet.demonstrations import Demonstration, Demonstrations
+from pacnet.imitator import Imitator, ImitatorStep
+from pacnet.recognition import Recognition
+from pacnet.watching import Watched, joined
+
+NOVEL_ABOVE = 1.0  # novelty of an imitator, over what is tolerated
+_AT_ONCE = 50  # frames between two steps of the progress bar
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An episode as an imitator saw it; T frames.
+
+    Attributes:
+        watched: what was recognised; its novelty is the imitator's, over what is tolerated.
+        dimension: name of the dimension in which each frame departs most from what is known.
+        acts: whether it would have acted, bool `[T]`.
+    """
+
+    watched: Watched
+    dimension: tuple[str, ...]
+    acts: Tensor
+
+
+def see(imitator: Imitator, demonstrations: Demonstrations) -> Iterator[Seen]:
+    """Watches one episode after the other, each from its start, with a progress bar."""
+    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    with progress_bar("watching", demonstrations) as advance:
+        for shown in demonstrations:
+            yield _see_one(imitator, shown, advance)
+
+
+def _see_one(imitator: Imitator, shown: Demonstration, advance: Callable[[int], None]) -> Seen:
+    imitator.reset()
+    parts: list[Recognition] = []
+    steps: list[ImitatorStep] = []
+    for percepts in shown.percepts.split(_AT_ONCE):
+        parts.append(imitator.network.recognise(percepts))
+        steps += map(imitator.step, percepts.numpy())
+        advance(len(percepts))
+    recognition = joined(parts)._replace(
+        novelty=torch.tensor([step.novelty for step in steps]),
+        is_novel=torch.tensor([step.is_novel for step in steps]),
+    )
+    return Seen(
+        Watched(shown, recognition),
+        tuple(step.dimension for step in steps),
+        torch.tensor([step.action is not None for step in steps]),
+    )

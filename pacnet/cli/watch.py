@@ -1,0 +1,103 @@
+"""`pacnet watch`: novelty and recognition over time, of every episode of a dataset."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_dataset
+from pacnet.cli.printing import print_pairs, print_table
+
+if TYPE_CHECKING:
+    from pacnet.cli.seen import Seen
+    from pacnet.imitator import Imitator
+
+_MORE = """The imitator watches each episode from its start, acts on nothing and learns nothing. It
+says which behaviour it takes the episode for, where it is unlike everything that was learned, and
+in which dimension."""
+_EXAMPLE = "pacnet watch imitator recordings/new --out pictures"
+_HEADS = (
+    "episode", "<recorded as", "<recognised as", "sure", "since", "novel frames",
+    "largest novelty", "<in", "at", "would act",
+)  # fmt: skip
+_LEGEND = """recognised as: the likeliest behaviour at the end, how sure, and since when it was that
+novelty: how far from what was learned, over what is tolerated in that dimension; over 1 is novel
+would act: frames at which it would act on a robot; at the others it would hold"""
+
+
+def add_to(commands: Commands) -> None:
+    """Adds the command to the main parser."""
+    summary = "what an imitator recognises in other recordings, and what is new to it there"
+    parser = add_command(commands, "watch", summary, _MORE, _EXAMPLE, run)
+    add_checkpoint(parser)
+    add_dataset(parser)
+    parser.add_argument(
+        "--out", metavar="DIR", help="draw each episode over time, into DIR/episode_NNN.png"
+    )
+    parser.add_argument(
+        "--rerun", metavar="FILE.rrd",
+        help="write what was seen for the Rerun viewer; needs the package rerun-sdk",
+    )  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Watches, prints, draws."""
+    if arguments.rerun is not None:
+        import rerun  # noqa: F401 — whether it is there, before anything is watched
+    from pacnet.cli.seen import see
+    from pacnet.cli.sources import load_imitator, load_percepts
+
+    imitator = load_imitator(arguments.checkpoint)
+    demonstrations = load_percepts(imitator, arguments.dataset)
+    seen = list(see(imitator, demonstrations))
+    behaviours, fps = imitator.network.behaviours, demonstrations.fps
+    print_table(_HEADS, [_row(one, behaviours, fps) for one in seen])
+    print(_LEGEND)
+    written = []
+    if arguments.out is not None:
+        written.append(("pictures", str(_draw(seen, imitator, fps, Path(arguments.out)))))
+    if arguments.rerun is not None:
+        from pacnet.cli.rerun_file import write_rerun
+
+        write_rerun(arguments.rerun, seen, behaviours, fps)
+        written.append(("rerun", arguments.rerun))
+    if written:
+        print()
+        print_pairs(written)
+
+
+def _row(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
+    recognition, shown = seen.watched.recognition, seen.watched.demonstration
+    named = int(recognition.behaviour[-1])
+    most = int(recognition.novelty.argmax())
+    return (
+        f"{shown.episode}",
+        shown.task or "untitled",
+        behaviours[named] or "untitled",
+        f"{float(recognition.probability[-1, named]):.1%}",
+        f"{seen.watched.named_since / fps:.2f} s",
+        f"{float(recognition.is_novel.float().mean()):.1%}",
+        f"{float(recognition.novelty[most]):.2f}",
+        seen.dimension[most],
+        f"{most / fps:.2f} s",
+        f"{float(seen.acts.float().mean()):.1%}",
+    )
+
+
+def _draw(seen: Sequence[Seen], imitator: Imitator, fps: float, folder: Path) -> Path:
+    """A page of each episode; returns the folder."""
+    from pacnet.cli.seen import NOVEL_ABOVE
+    from pacnet.recognition_figures import recognition_over_time
+    from pacnet.watching import shown
+
+    folder.mkdir(parents=True, exist_ok=True)
+    titles = shown(imitator.network.behaviours)
+    for one in seen:
+        number, task = one.watched.demonstration.episode, one.watched.demonstration.task
+        title = f"Episode {number}, recorded as “{task or 'untitled'}”"
+        recognition = one.watched.recognition
+        figure = recognition_over_time(recognition, titles, NOVEL_ABOVE, 1 / fps, title)
+        figure.savefig(folder / f"episode_{number:03}.png")
+    return folder
