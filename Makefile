@@ -36,11 +36,11 @@ types: $(INSTALLED)  ## check types
 check: lint types test test-slow  ## check format, style and types, and run all tests
 
 clean:  ## remove .venv and what the tools leave behind; runs/ stays
-	rm -rf .venv build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist *.egg-info lerobot_policy_pacnet/src/*.egg-info .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The stamp is written last, so an interrupted installation is done again, from nothing.
-$(INSTALLED): pyproject.toml
+$(INSTALLED): pyproject.toml lerobot_policy_pacnet/pyproject.toml
 	@command -v $(PYTHON) > /dev/null \
 	  || { echo "make: no $(PYTHON) here; name a Python 3.11 or later: make PYTHON=/path/to/python"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -51,6 +51,6 @@ $(INSTALLED): pyproject.toml
 	@test -e $@ || rm -rf .venv
 	@rm -f $@
 	@test -d .venv || $(PYTHON) -m venv .venv
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable './lerobot_policy_pacnet[training]'
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps "$(DM_CONTROL)"
 	@touch $@

@@ -18,23 +18,21 @@ LENGTHS = (3, 2)
 COLOURS = np.array([[40 * frame, 10 * frame, 200 - frame] for frame in range(sum(LENGTHS))])
 
 
-@pytest.fixture(scope="module", params=["image", "video"])
-def root(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def write_pictures(folder: Path, dtype: str) -> Path:
     """Two episodes, written by LeRobot, with an image of one colour in each frame."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-    folder = tmp_path_factory.mktemp("pictures") / "seen"
     names = ["height", "width", "channels"]
     dataset = LeRobotDataset.create(
         "local/seen",
         fps=10,
         root=folder,
         features={
-            TOP: {"dtype": request.param, "shape": (64, 96, 3), "names": names},
+            TOP: {"dtype": dtype, "shape": (64, 96, 3), "names": names},
             "observation.state": {"dtype": "float32", "shape": (2,), "names": ["a", "b"]},
             "action": {"dtype": "float32", "shape": (2,), "names": ["c", "d"]},
         },
-        use_videos=request.param == "video",
+        use_videos=dtype == "video",
         video_backend="pyav",
     )
     for colour, is_last in zip(COLOURS, np.isin(np.arange(5), (2, 4)), strict=True):
@@ -49,6 +47,11 @@ def root(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
             dataset.save_episode()
     dataset.finalize()
     return folder
+
+
+@pytest.fixture(scope="module", params=["image", "video"])
+def root(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_pictures(tmp_path_factory.mktemp("pictures") / "seen", request.param)
 
 
 def mean_colour(image: Tensor) -> Tensor:

@@ -1,0 +1,75 @@
+"""Acting step by step, and holding still, or asking, where the imitator does not act."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacnet.imitator import Imitator, ImitatorStep
+
+Ask = Callable[[ImitatorStep, NDArray[np.float32]], NDArray[np.float32] | None]
+
+
+class Actor:
+    """One robot of a batch: where it is in its recall episode, and its last action.
+
+    Args:
+        imitator: a taught one; the actor keeps a copy, whose recall episode is its own.
+    """
+
+    def __init__(self, imitator: Imitator) -> None:
+        self.imitator = copy.deepcopy(imitator)
+        self.reset()
+
+    def reset(self) -> None:
+        """Starts a new recall episode."""
+        self.imitator.reset()
+        self._last: NDArray[np.float32] | None = None
+
+    def act(
+        self, percept: NDArray[np.float32], ask: Ask | None
+    ) -> tuple[NDArray[np.float32], ImitatorStep]:
+        """What to do about a percept: what was learned, else what is answered, else hold.
+
+        Args:
+            percept: `[D]`.
+            ask: called with the step and the percept where the imitator does not act.
+
+        Returns:
+            The action `[U]`, and the imitator's step.
+
+        Raises:
+            ValueError: a percept or an answer of the wrong shape, or not finite.
+        """
+        step = self.imitator.step(percept)
+        action = step.action
+        if action is None and ask is not None:
+            action = self._checked(ask(step, percept))
+        if action is None:
+            action = self._hold(percept)
+        self._last = action
+        return action, step
+
+    def _hold(self, percept: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The last action; before any, the robot's own state if that is one, else the usual one."""
+        if self._last is not None:
+            return self._last
+        config = self.imitator.config
+        state = next(iter(config.percepts.values()))
+        if state == config.action:  # joint angles commanded by joint angles, as LeRobot's robots do
+            return percept[: len(state)].copy()
+        return self.imitator.first_action.numpy().copy()
+
+    def _checked(self, answer: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+        if answer is None:
+            return None
+        action = np.asarray(answer, dtype=np.float32)
+        wanted = self.imitator.config.action
+        if action.shape != (len(wanted),) or not np.isfinite(action).all():
+            raise ValueError(
+                f"expected {len(wanted)} finite numbers as the answer to ask, got {answer!r}"
+            )
+        return action

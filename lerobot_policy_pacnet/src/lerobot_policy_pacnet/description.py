@@ -1,0 +1,98 @@
+"""What the policy has to know about the dataset it is trained on, from LeRobot's metadata."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lerobot.utils.constants import ACTION
+
+_SNAPSHOTS = "snapshots"  # folder of the Hub's cache, in which datasets are named by a digest
+
+
+@dataclass(frozen=True)
+class DatasetDescription:
+    """A dataset, as far as it matters to an imitator.
+
+    Attributes:
+        source: its name.
+        fps: frames per second [1/s].
+        names: feature -> names of its dimensions, in the order of the percept, then the action.
+        frames: number of its frames.
+        fingerprint: digest of what is in it; with other frames it would be another.
+    """
+
+    source: str
+    fps: float
+    names: Mapping[str, tuple[str, ...]]
+    frames: int
+    fingerprint: str
+
+    def __post_init__(self) -> None:
+        """Turns the lists that JSON reads into tuples."""
+        names = {feature: tuple(parts) for feature, parts in self.names.items()}
+        object.__setattr__(self, "names", names)
+
+    @classmethod
+    def of(cls, meta: Any, percepts: Iterable[str]) -> DatasetDescription:
+        """Describes a dataset.
+
+        Args:
+            meta: LeRobot's metadata of it.
+            percepts: the features that percepts are made of, in their order.
+
+        Raises:
+            ValueError: a feature that the dataset does not have.
+        """
+        names = {name: _dimension_names(meta.features, name) for name in (*percepts, ACTION)}
+        return cls(
+            source=_name(meta),
+            fps=meta.fps,
+            names=names,
+            frames=meta.total_frames,
+            fingerprint=_fingerprint(meta, names),
+        )
+
+    @property
+    def percept_dimensions(self) -> int:
+        """Length of a percept."""
+        return sum(len(parts) for name, parts in self.names.items() if name != ACTION)
+
+    @property
+    def action_dimensions(self) -> int:
+        """Length of an action."""
+        return len(self.names[ACTION])
+
+
+def _name(meta: Any) -> str:
+    """The folder's name, as in `pacnet.demonstrations`, or the repository's in the Hub's cache."""
+    root = Path(meta.root).resolve()
+    return Path(meta.repo_id).name if root.parent.name == _SNAPSHOTS else root.name
+
+
+def _dimension_names(features: Mapping[str, Any], feature: str) -> tuple[str, ...]:
+    """As `pacnet.demonstrations` names dimensions: by their numbers where they have no names."""
+    if feature not in features:
+        raise ValueError(f"expected the feature {feature!r}, the dataset has {', '.join(features)}")
+    length, names = features[feature]["shape"][0], features[feature].get("names")
+    if isinstance(names, dict):
+        names = next(iter(names.values()), None)
+    if not isinstance(names, list) or len(names) != length:
+        names = range(length)
+    return tuple(str(name) for name in names)
+
+
+def _fingerprint(meta: Any, names: Mapping[str, tuple[str, ...]]) -> str:
+    statistics = {
+        feature: {name: np.asarray(value).tolist() for name, value in measures.items()}
+        for feature, measures in (meta.stats or {}).items()
+        if feature in names
+    }
+    counts = [meta.fps, meta.total_episodes, meta.total_frames]
+    text = json.dumps([counts, names, statistics], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,100 @@
+"""The scenes of the two experiments for `lerobot-eval --env.type=pacnet --env.task=TASK`.
+
+Importing this registers them; what they need is imported when one is made.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import gymnasium
+from lerobot.configs.types import FeatureType, PolicyFeature
+from lerobot.envs.configs import EnvConfig
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
+
+
+class Task(NamedTuple):
+    """One environment."""
+
+    entry_point: str
+    arguments: dict[str, Any]
+    fps: int  # [1/s]
+    episode_steps: int  # at most
+    dimensions: dict[str, int]  # of each entry of an observation, and of the action
+
+
+_POSTURES = {"agent_pos": 22, "environment_state": 6, ACTION: 11}
+_WHEELS = {"agent_pos": 6, ACTION: 2}
+
+
+def _imitate(behaviour: str) -> Task:
+    scene = "lerobot_policy_pacnet.scenes:PosturalScene"
+    return Task(scene, {"behaviour": behaviour}, 50, 750, _POSTURES)
+
+
+# Each is gym_pacnet/NAME for gymnasium.
+TASKS = {
+    "Drink-v0": _imitate("drink"),
+    "Toast-v0": _imitate("toast"),
+    "Move-v0": _imitate("move"),
+    "FollowWalls-v0": Task(
+        "lerobot_policy_pacnet.scenes:WallScene", {"episode_steps": 500}, 10, 500, _WHEELS
+    ),
+}
+
+for _name, _task in TASKS.items():
+    gymnasium.register(
+        id=f"gym_pacnet/{_name}",
+        entry_point=_task.entry_point,
+        max_episode_steps=_task.episode_steps,
+        kwargs=_task.arguments,
+    )
+
+
+@EnvConfig.register_subclass("pacnet")
+@dataclass
+class PACNetEnv(EnvConfig):
+    """Settings of an environment.
+
+    Attributes:
+        task: what to do: imitate a demonstrator that shows "Drink-v0", "Toast-v0" or "Move-v0", or
+            "FollowWalls-v0".
+        fps: frames per second; each task has its own.
+        noise_scale: factor on the perceptual noise; 0 perceives the truth.
+        picture_every: steps from one new picture of a video to the next: drawing takes long.
+        features_map: what an observation's entries are called in datasets.
+
+    Raises:
+        ValueError: no such task.
+    """
+
+    task: str | None = "Drink-v0"
+    noise_scale: float = 1.0
+    picture_every: int = 5
+    features_map: dict[str, str] = field(
+        default_factory=lambda: {
+            ACTION: ACTION,
+            "agent_pos": OBS_STATE,
+            "environment_state": OBS_ENV_STATE,
+        }
+    )
+
+    def __post_init__(self) -> None:
+        """Takes rate and features from the task."""
+        if self.task not in TASKS:
+            raise ValueError(f"expected env.task to be one of {', '.join(TASKS)}, got {self.task}")
+        task = TASKS[self.task]
+        self.fps = task.fps
+        kinds = {ACTION: FeatureType.ACTION, "environment_state": FeatureType.ENV}
+        self.features = {
+            name: PolicyFeature(kinds.get(name, FeatureType.STATE), (length,))
+            for name, length in task.dimensions.items()
+        }
+
+    @property
+    def gym_kwargs(self) -> dict[str, Any]:
+        """Arguments of `gymnasium.make`."""
+        return {
+            "render_mode": "rgb_array",
+            "noise_scale": self.noise_scale,
+            "picture_every": self.picture_every,
+        }

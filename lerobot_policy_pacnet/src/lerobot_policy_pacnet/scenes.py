@@ -1,0 +1,200 @@
+"""The scenes of the two experiments as LeRobot evaluates policies in them.
+
+Observations are named as LeRobot expects, actions have the units of the datasets, and success is
+told at the end of an episode.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Dict
+
+# [pixels]; LeRobot keeps those of ten whole episodes in memory at a time.
+PICTURE = {"width": 320, "height": 180}
+ENERGY = 0.5  # mean wall energy of an episode that is a success
+_CHECKOUT = Path(__file__).resolve().parents[3]  # if the plugin was installed from one, editable
+
+_Step = tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]
+
+
+class Scene(gymnasium.Env[dict[str, Any], np.ndarray]):
+    """What the scenes have in common: an environment of `envs/`, and its pictures.
+
+    Args:
+        scene: the environment.
+        task: its name.
+        description: what there is to do, in words.
+        picture_every: steps from one new picture to the next. LeRobot asks for one at each step,
+            and drawing takes a hundred times as long as the step.
+    """
+
+    def __init__(self, scene: Any, task: str, description: str, picture_every: int) -> None:
+        self.scene = scene
+        self.render_mode = scene.render_mode
+        self.task, self.task_description = task, description
+        self._picture_every = picture_every
+        self._picture: np.ndarray | None = None
+        self._asked = 0  # times for a picture since the last one was drawn
+
+    def render(self) -> np.ndarray | None:
+        """Draws the scene (height, width, 3) uint8, or gives the last picture once more."""
+        if self._picture is None or self._asked >= self._picture_every:
+            self._picture, self._asked = self.scene.render(), 0
+        self._asked += 1
+        return self._picture
+
+    def close(self) -> None:
+        """Frees the simulation."""
+        self.scene.close()
+
+    def _begin(self, **options: Any) -> Any:
+        """Resets the environment, and returns what is perceived."""
+        self._picture = None
+        return self.scene.reset(**options)[0]
+
+
+class PosturalScene(Scene):
+    """An imitator watches a demonstrator and acts; see `envs.postural_imitation`.
+
+    Observation: ``agent_pos`` (22,) the demonstrator's perceived angles [rad] and velocities
+    [rad/s], ``environment_state`` (6,) its glass. Action: joint angles (11,) [rad]. Success: at the
+    end the imitator's own glass has been where the behaviour wants it, and stands in its place.
+
+    Args:
+        behaviour: "drink", "toast" or "move".
+        render_mode: None or "rgb_array".
+        noise_scale: factor on the perceptual noise.
+        picture_every: as of `Scene`.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012  gymnasium's type
+
+    def __init__(
+        self,
+        behaviour: str,
+        render_mode: str | None = None,
+        noise_scale: float = 1.0,
+        picture_every: int = 1,
+    ) -> None:
+        scene = _module("envs.postural_imitation").PosturalImitationEnv(
+            render_mode, behaviour=behaviour, noise_scale=noise_scale, **PICTURE
+        )
+        super().__init__(scene, behaviour, f"imitate the behaviour {behaviour}", picture_every)
+        seen = scene.observation_space
+        angles = _module("envs.kinematics").BodyKinematics().joint_range.astype(np.float32)
+        self.observation_space = Dict(
+            {"agent_pos": seen["demonstrator"], "environment_state": seen["glass"]}
+        )
+        self.action_space = Box(angles[:, 0], angles[:, 1], dtype=np.float32)
+
+    def reset(
+        self,
+        *,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002  LeRobot's own, not the scene's
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begins an episode that the seed decides."""
+        return _named(self._begin(seed=seed)), {"is_success": False}
+
+    def step(self, action: np.ndarray) -> _Step:
+        """Runs one control step of 20 ms towards joint angles (11,) [rad]."""
+        observation, reward, terminated, truncated, info = self.scene.step_to(action)
+        success = bool(truncated and info["is_success"])
+        return _named(observation), reward, terminated, truncated, {"is_success": success}
+
+
+class WallScene(Scene):
+    """A robot beside a wall, on the left or on the right, is to follow it; see `envs`.
+
+    Observation: ``agent_pos`` (6,) infra-red readings. Action: wheel speeds (2,) as shares of
+    0.12 m/s. Success: at the end the mean wall energy is at least 0.5.
+
+    Args:
+        episode_steps: after which an episode is truncated.
+        render_mode: None or "rgb_array".
+        noise_scale: factor on the perceptual noise.
+        picture_every: as of `Scene`.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  gymnasium's type
+
+    def __init__(
+        self,
+        episode_steps: int,
+        render_mode: str | None = None,
+        noise_scale: float = 1.0,
+        picture_every: int = 1,
+    ) -> None:
+        module = _module("envs.wall_following")
+        scene = module.WallFollowingEnv(render_mode, noise_scale=noise_scale, **PICTURE)
+        super().__init__(scene, "follow", "follow the wall", picture_every)
+        self.observation_space = Dict({"agent_pos": scene.observation_space})
+        self.action_space = scene.action_space
+        self._episode_steps = episode_steps
+        self._energies: list[float] = []  # of the steps of this episode
+
+    def reset(
+        self,
+        *,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002  LeRobot's own, not the scene's
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begins an episode; the seed decides place and side."""
+        super().reset(seed=seed)
+        side = ("left", "right")[int(self.np_random.integers(2))]
+        place = int(self.np_random.integers(2**31))
+        readings = self._begin(seed=place, options={"wall": side})
+        self._energies = []
+        return {"agent_pos": readings}, {"is_success": False}
+
+    def step(self, action: np.ndarray) -> _Step:
+        """Runs one control step of 0.1 s at wheel speeds (2,), clipped to the shares there are."""
+        readings, energy, terminated, _, _ = self.scene.step(np.clip(action, -1, 1))
+        self._energies.append(energy)
+        truncated = len(self._energies) >= self._episode_steps
+        success = truncated and float(np.mean(self._energies)) >= ENERGY
+        return {"agent_pos": readings}, energy, terminated, truncated, {"is_success": success}
+
+
+def _named(observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {
+        "agent_pos": observation["demonstrator"],
+        "environment_state": observation["glass"],
+    }
+
+
+def _module(name: str) -> ModuleType:
+    """A module of the repository's `envs/`, which no wheel holds: a checkout has it.
+
+    Raises:
+        ModuleNotFoundError: there is no checkout, or MuJoCo is not installed.
+    """
+    if not _is_there(name):
+        if not (_CHECKOUT / "envs" / "postural_imitation.py").is_file():
+            raise ModuleNotFoundError(
+                "expected pacnet's scenes, the folder envs/ of its repository: run this in a "
+                "checkout, or install the plugin from one with `pip install -e`"
+            )
+        sys.path.append(str(_CHECKOUT))
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"expected what pacnet's scenes need, got {error}: `pip install -e '.[experiments]'` "
+            "in the checkout"
+        ) from error
+
+
+def _is_there(name: str) -> bool:
+    try:
+        return find_spec(name) is not None
+    except ModuleNotFoundError:
+        return False
