@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,10 +18,12 @@ import torch
 from PIL import Image
 
 from envs.arena import make_arena
+from envs.arena_physics import ArenaPhysics
 from envs.khepera import INFRARED_NAMES, MAX_WHEEL_SPEED, wheel_speeds
 from envs.wall_behaviours import CRUISE, MAX_TURN
 from pacnet import NOBODY, Decision, MLPForwardModel, PACNet, TransitionMatrix
 from pacnet.demonstrations import load_demonstrations
+from pacnet.recorder import Recorder
 from train import (
     forward_model,
     wall_conditions,
@@ -80,6 +83,7 @@ def tiny() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(wall_variants, "TRANSITIONS", 400)
         patch.setattr(wall_following, "TRANSITIONS", 400)
+        patch.setattr(wall_learning, "WANDERING_STEPS", 150)
         patch.setattr(wall_learning, "EPISODES_A_SIDE", 2)
         patch.setattr(wall_learning, "EPISODE_STEPS", 150)
         yield
@@ -307,6 +311,65 @@ def test_datasets_give_back_what_was_done(tmp_path: Path, learned: Learned):
     demonstrations = load_demonstrations(tmp_path / "following", environment_state=None)
     sides = ["left", "left", "right", "right"]
     assert [one.task for one in demonstrations] == [f"follow the {side} wall" for side in sides]
+
+
+def test_wandering_is_cut_into_episodes_of_like_length_that_say_what_is_done(
+    tmp_path: Path, learned: Learned
+):
+    record_wandering(tmp_path / "wandering", "paper", SEED, 400)
+    episodes = list(load_demonstrations(tmp_path / "wandering", environment_state=None))
+    assert [len(one.percepts) for one in episodes] == [134, 133, 133]
+    np.testing.assert_array_equal(episodes[1].percepts, learned.wandering.percepts[134:267])
+    np.testing.assert_array_equal(episodes[2].action, learned.wandering.actions[267:])
+    assert {one.task for one in episodes} == {"wander around and turn away from walls"}
+
+
+def test_what_a_checker_would_take_for_glitches_is_there_without_noise(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """The reason that is given in the dataset for readings that jump and come back."""
+    truths = []
+    infrared = ArenaPhysics.infrared
+
+    def noted(physics: ArenaPhysics, robot: int) -> np.ndarray:
+        truths.append((robot, infrared(physics, robot)))
+        return truths[-1][1]
+
+    monkeypatch.setattr(ArenaPhysics, "infrared", noted)
+    for seed in range(2):
+        for make in (
+            lambda seed=seed: wander("paper", 1000, seed),
+            lambda seed=seed: follow("paper", "left", seed, 750),
+        ):
+            truths.clear()
+            percepts = make().percepts
+            truth = np.array([readings for robot, readings in truths if robot == 0])[
+                : len(percepts)
+            ]
+            jumps = out_and_back(percepts) > 0.2
+            assert jumps.any()
+            assert np.abs(percepts - truth)[jumps].max() < 0.05  # five deviations of the noise
+            assert out_and_back(truth)[jumps].min() > 0.1
+
+
+def out_and_back(readings: np.ndarray) -> np.ndarray:
+    """How far each reading is from the median of the 7 around it."""
+    padded = np.pad(readings, ((3, 3), (0, 0)), mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0)
+    return np.abs(readings - np.median(around, axis=-1))
+
+
+def test_expected_findings_stay_when_more_is_recorded(tmp_path: Path, learned: Learned):
+    record_following(tmp_path, "paper", SEED)
+    written = (tmp_path / "meta/rdq_expected.yaml").read_bytes()
+    frames = {
+        "observation.state": learned.wandering.percepts,
+        "action": learned.wandering.actions,
+    }
+    with Recorder(tmp_path, wall_learning.FPS, wall_learning.FEATURES, "khepera") as recorder:
+        recorder.save_episode("follow the left wall", frames)
+    assert (tmp_path / "meta/rdq_expected.yaml").read_bytes() == written
+    assert len(load_episodes(tmp_path)) == 5
 
 
 def test_what_is_learned_from_the_records_is_what_a_replicate_learns(
@@ -791,9 +854,9 @@ def test_the_forward_model_leaves_dataset_checkpoint_scores_and_figures(
     folder = forward_model_runs[0]
     assert folder.parent.name == "forward_model"
     assert folder.name.endswith("-seed11")
-    (episode,) = load_demonstrations(folder / "dataset", environment_state=None)
-    assert episode.percepts.shape == (600, 6)
-    assert episode.action.shape == (600, 2)
+    episodes = load_demonstrations(folder / "dataset", environment_state=None)
+    assert [episode.percepts.shape for episode in episodes] == [(300, 6)] * 2
+    assert [episode.action.shape for episode in episodes] == [(300, 2)] * 2
     model = MLPForwardModel.from_pretrained(folder / "checkpoint")
     scores = json.loads((folder / "metrics.json").read_text())
     assert scores["command"] == (
@@ -869,8 +932,8 @@ def test_metrics_hold_the_conditions_with_mean_std_and_values(walls_run: tuple[P
 @pytest.mark.slow
 def test_datasets_and_checkpoints_of_a_run_load_and_belong_together(walls_run: tuple[Path, str]):
     folder, _ = walls_run
-    (wandering,) = load_demonstrations(folder / "wandering", environment_state=None)
-    assert wandering.percepts.shape == (wall_learning.TRANSITIONS, 6)
+    wandering = load_demonstrations(folder / "wandering", environment_state=None)
+    assert [one.percepts.shape for one in wandering] == [(500, 6)] * 10
     demonstrations = load_demonstrations(folder / "dataset", environment_state=None)
     assert len(demonstrations) == 8
     assert [one.task.split()[2] for one in demonstrations] == ["left"] * 4 + ["right"] * 4
@@ -880,6 +943,33 @@ def test_datasets_and_checkpoints_of_a_run_load_and_belong_together(walls_run: t
     assert len(network.sofm) == scores["nodes"]
     run = act_alone(Recalling(network, 11), Place("paper"), alone_seed(11), 60)
     assert wall_conditions.score_run(run)["wf"] == scores["conditions"]["recall"]["wf"]["mean"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("dataset", "command"),
+    [
+        ("wandering", "robovet doctor"),
+        ("dataset", "robovet doctor"),
+        ("wandering", "rdq check --no-color --fail-under 95"),
+        # A finding that is expected still costs 5 of 100 points in each episode that it is in.
+        ("dataset", "rdq check --no-color --fail-under 90"),
+    ],
+)
+def test_independent_checkers_warn_of_nothing(
+    walls_run: tuple[Path, str], dataset: str, command: str
+):
+    name, *arguments = command.split()
+    checker = shutil.which(name, path=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    if checker is None:
+        pytest.skip(f"{name} is not installed")
+    done = subprocess.run(
+        [checker, *arguments, str(walls_run[0] / dataset)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    assert "WARN" not in done.stdout
+    assert "CRITICAL" not in done.stdout
 
 
 @pytest.mark.slow
@@ -924,7 +1014,7 @@ def interrupt(script: str, bar: str, runs: Path) -> str:
 def test_ctrl_c_while_acting_alone_keeps_datasets_and_checkpoints(tmp_path: Path):
     interrupt("wall_following", "alone:", tmp_path)
     folder = only_run(tmp_path)
-    assert len(load_demonstrations(folder / "wandering", environment_state=None)) == 1
+    assert len(load_demonstrations(folder / "wandering", environment_state=None)) == 10
     assert len(load_demonstrations(folder / "dataset", environment_state=None)) == 8
     model = MLPForwardModel.from_pretrained(folder / "forward_model")
     assert len(PACNet.from_pretrained(folder / "checkpoint", model).sofm) > 1

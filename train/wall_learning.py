@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -36,6 +37,8 @@ FEATURES = {"observation.state": INFRARED_NAMES, "action": WHEEL_NAMES}
 ROBOT = "khepera"
 
 TRANSITIONS = 5000  # [steps] of wandering
+WANDERING_STEPS = 500  # at most in an episode of the dataset
+WANDERING_TASK = "wander around and turn away from walls"
 EPISODES_A_SIDE, EPISODE_STEPS = 4, 750  # of following
 LEAD = 3  # [steps] that a target lies ahead, and for which the forward model holds an action
 NOVELTY_THRESHOLD = 0.6
@@ -44,6 +47,16 @@ ABSTAIN_BELOW = 0.02  # spread of the predicted readings under which actions are
 TURNS = np.linspace(-MAX_TURN, MAX_TURN, 21)  # [rad/s] of the candidate actions
 LESSON = 0  # number of the one learning episode
 CHUNK = 50  # samples learned between two points of the learning curves
+
+# For the checker `rdq`, which takes readings that jump and come back within 3 steps for glitches.
+EXPECTED_FINDINGS = "meta/rdq_expected.yaml"
+EXPECTED = """\
+- checks: ["episodes.spikes*"]
+  reason: >-
+    simulated infra-red readings, which without their noise jump the same way:
+    within a few steps of 0.1 s the robot turns to a wall or away from it,
+    or a ray passes the edge of a wall or of another robot
+"""
 
 
 class Episode(NamedTuple):
@@ -60,9 +73,13 @@ def task_of(side: str) -> str:
 
 
 def record_wandering(folder: Path, arena: str | int, seed: int, steps: int) -> None:
-    """Wanders, and writes the transitions as one episode of a LeRobot dataset."""
+    """Wanders, and writes the walk into a LeRobot dataset, cut into episodes of like length."""
+    episodes = math.ceil(steps / WANDERING_STEPS)
     with Recorder(folder, FPS, FEATURES, ROBOT) as recorder:
-        recorder.save_episode("wander", _frames(wander(arena, steps, seed)))
+        walk = wander(arena, steps, seed)
+        for part in zip(*(np.array_split(rows, episodes) for rows in walk), strict=True):
+            recorder.save_episode(WANDERING_TASK, _frames(Transitions(*part)))
+    _write_expected_findings(folder)
 
 
 def record_following(folder: Path, arena: str | int, seed: int) -> None:
@@ -74,6 +91,7 @@ def record_following(folder: Path, arena: str | int, seed: int) -> None:
     ):
         for side, followed in _follow_both_sides(arena, seed, progress.update):
             recorder.save_episode(task_of(TAUGHT_SIDES[side]), _frames(followed))
+    _write_expected_findings(folder)
 
 
 def load_episodes(folder: Path) -> list[Episode]:
@@ -177,9 +195,11 @@ def teach(
 
 
 def load_wandering(folder: Path) -> Transitions:
-    """The transitions that `record_wandering` wrote."""
-    (episode,) = _load(folder)
-    return Transitions(episode.percepts.numpy(), episode.action.numpy())
+    """The walk that `record_wandering` wrote, whole again."""
+    episodes = list(_load(folder))
+    percepts = torch.cat([episode.percepts for episode in episodes])
+    actions = torch.cat([episode.action for episode in episodes])
+    return Transitions(percepts.numpy(), actions.numpy())
 
 
 def _load(folder: Path) -> Demonstrations:
@@ -194,6 +214,10 @@ def _follow_both_sides(
     for number, episode_seed in enumerate(seeds):
         side = number // EPISODES_A_SIDE
         yield side, follow(arena, TAUGHT_SIDES[side], episode_seed, EPISODE_STEPS, after_step)
+
+
+def _write_expected_findings(folder: Path) -> None:
+    (folder / EXPECTED_FINDINGS).write_text(EXPECTED, encoding="utf-8")
 
 
 def _frames(transitions: Transitions) -> dict[str, np.ndarray]:
