@@ -23,6 +23,7 @@ MODULES = {
     "environments": "control steps of the scenes, beside bare physics",
     "memory": "ten million samples from a generator",
     "datasets": "recording and reading datasets, beside LeRobot",
+    "fit": "pacnet fit, from the command to the checkpoint",
 }
 
 

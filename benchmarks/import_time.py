@@ -17,7 +17,7 @@ from benchmarks.step import CHECKPOINTS
 RUNS = 7
 WANTED_FIRST, WANTED_LATER, WANTED_IMPORT = 15, 0.5, 0.3  # [s]
 
-IMPORT = "import {}"
+IMPORTS = {"torch": "import torch", "pacnet": "from pacnet import PACNet"}
 CALLS = f"""
 import numpy as np, torch
 from pacnet import HabituatingSOFM, MLPForwardModel, PACNet, SOFMConfig
@@ -54,7 +54,7 @@ def measure() -> list[Table]:
     """Imports and first calls."""
     with tempfile.TemporaryDirectory() as cache:
         cold = run_time(CALLS, cache)
-        codes = {"torch": IMPORT.format("torch"), "pacnet": IMPORT.format("pacnet"), "calls": CALLS}
+        codes = {**IMPORTS, "calls": CALLS}
         times: dict[str, list[float]] = {name: [] for name in codes}
         run_time(codes["pacnet"])  # reads from the disk and writes bytecode
         for _ in range(RUNS):
@@ -68,8 +68,8 @@ def measure() -> list[Table]:
         return what, number(measured), beyond, NOTHING if wanted is None else f"≤ {wanted}"
 
     rows = [
-        row("`import torch`", torch, None),
-        row("`import pacnet`", median["pacnet"], WANTED_IMPORT),
+        row(f"`{IMPORTS['torch']}`", torch, None),
+        row(f"`{IMPORTS['pacnet']}`", median["pacnet"], WANTED_IMPORT),
         row("import and first calls after an installation", cold, WANTED_FIRST),
         row("import and first calls later", median["calls"], WANTED_LATER),
     ]
