@@ -1,13 +1,21 @@
 """What the environment of Experiment 1 accepts as arguments, options and actions."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from envs.glass_offset import checked_offset
 from envs.humanoid import JOINTS
 from envs.mishaps import MISHAPS
 from envs.scene import MAX_HEIGHT, MAX_WIDTH
+
+
+class ResetOptions(NamedTuple):
+    """What is out of the ordinary in an episode."""
+
+    mishap: str | None  # of MISHAPS
+    glass_offset: np.ndarray  # (2,) [m] of both glasses from their place, in each body's frame
 
 
 def check_arguments(
@@ -32,14 +40,18 @@ def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
         raise ValueError(f"{name} must be one of {choices}, got {value!r}")
 
 
-def checked_mishap(options: dict[str, Any] | None) -> str | None:
-    """The mishap that the options of a reset ask for, or None."""
-    if not options:
-        return None
-    if set(options) != {"mishap"}:
-        raise ValueError(f"options must be {{'mishap': one of {MISHAPS}}}, got {options!r}")
-    check_choice("mishap", options["mishap"], MISHAPS)
-    return options["mishap"]
+def checked_options(options: dict[str, Any] | None) -> ResetOptions:
+    """What the options of a reset ask for; without them nothing out of the ordinary."""
+    given = options or {}
+    if not set(given) <= set(ResetOptions._fields):
+        raise ValueError(
+            f"options must be {{'mishap': one of {MISHAPS}, 'glass_offset': (dx, dy)}}, "
+            f"either or both, got {options!r}"
+        )
+    if "mishap" in given:
+        check_choice("mishap", given["mishap"], MISHAPS)
+    offset = given.get("glass_offset", (0.0, 0.0))
+    return ResetOptions(given.get("mishap"), checked_offset(offset))
 
 
 def checked_joints(name: str, value: np.ndarray) -> np.ndarray:

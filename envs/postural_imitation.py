@@ -31,7 +31,7 @@ from envs.postural_arguments import (
     check_arguments,
     check_choice,
     checked_joints,
-    checked_mishap,
+    checked_options,
 )
 from envs.scene import GLASS_PLACE, IMITATOR, WHO
 from envs.task import Deeds, final_place, measure
@@ -53,7 +53,8 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     puts it back. ``toast``: likewise, but first it raises the glass towards its opposite, and in
     the end its hand stays beside the glass. ``move``: it puts the glass down elsewhere on the
     table. A mishap can spoil an episode: a ``tremor`` of the right arm, ``interrupted`` soon after
-    the glass was taken, or a ``miss``, when the hand closes beside the glass and goes on empty.
+    the glass was taken, or a ``miss``, when the hand closes beside the glass and goes on empty. The
+    glasses stand within 1 cm of their nominal place, or elsewhere if a reset says so.
     ``info`` says whether demonstrator and imitator have done what the behaviour asks (`envs.task`).
 
     Action: targets of the imitator's joints (11,) in the order of `envs.humanoid.JOINTS`, as shares
@@ -132,17 +133,20 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         Args:
             seed: decides the plan, the glasses' place and the noise.
             options: ``mishap`` is "tremor", "interrupted" or "miss"; without it nothing goes wrong.
+                ``glass_offset`` (dx, dy) [m], forwards and to the left of each body, puts both
+                glasses elsewhere, at most 0.16 m away.
 
         Returns:
             Observation and info.
 
         Raises:
-            ValueError: an option or a mishap is not known; nothing has changed.
+            ValueError: an option or a mishap is not known, or the glasses cannot stand there;
+                nothing has changed.
         """
-        mishap = checked_mishap(options)
+        mishap, glass_offset = checked_options(options)
         super().reset(seed=seed, options=options)
         spread = self.np_random.uniform(-GLASS_SPREAD, GLASS_SPREAD, size=2)
-        self._place = np.array(GLASS_PLACE) + spread
+        self._place = np.array(GLASS_PLACE) + spread + glass_offset
         self._demonstration = plan_demonstration(
             self._kinematics,
             self._place,
@@ -296,6 +300,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             "glass_from_place": measures[1].glass_from_place,
             "glass_tilt": measures[1].glass_tilt,
             "glass_position": state.glass[1].copy(),
+            "glass_held": self._physics.grips[1].held,
             "phase": PHASES[self._plan.phases[min(self._step, self.episode_steps)]],
             "mouth_reached": self._deeds[1].mouth_reached,
             "toasted": self._deeds[1].toasted,

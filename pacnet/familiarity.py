@@ -18,8 +18,9 @@ from pacnet.rows import Column, GrowableRows
 from pacnet.validation import is_integer
 
 MARGIN = 4.0  # times what is usual is tolerated
-RATE = 0.2  # per percept, at which deviations are followed: noise averages out over some ten
+RATE = 0.1  # per percept, at which residuals are followed: noise averages out over some twenty
 _MOVEMENT = 0.99  # quantile of the changes from frame to frame, which one demonstration shows
+_LEAST_MOVEMENT = 0.5  # of that movement is usual at least, where all repeat one another exactly
 _LEAST_SHARE = 0.1  # of all dimensions' usual deviation that is usual in a dimension at least
 _LEAST = 1e-6  # usual in a dimension at least, scaled, where nothing ever changed
 _AT_ONCE = 2**18  # distances computed at once, which a cache holds
@@ -29,18 +30,18 @@ class Judgement(NamedTuple):
     """How far a percept is from what was learned, where it is farthest for what is usual there."""
 
     novelty: float
-    """The deviation in size, over what is tolerated in its dimension; more than 1 is new."""
+    """The deviation over what is tolerated, in the dimension where that is most; > 1 is new."""
     dimension: int
-    """In which a percept deviates most, for what is tolerated there."""
+    """That dimension."""
     deviation: float
-    """By how much it is more than what is known, in that dimension, scaled; less if negative."""
+    """By how much this percept is more than what is known, there, scaled; less if negative."""
 
 
 class Familiarity(nn.Module):
     """Judges percepts, one after the other, by the percepts that were learned.
 
     A percept's residual is its difference from the nearest percept known, dimension by dimension.
-    The deviation follows the residuals, from zero, so that one noisy frame does not make a
+    The deviation follows the residuals' size, from zero, so that one bad frame does not make a
     situation new. Before a further episode is learned, its largest deviation in each dimension is
     noted. Of these, with what the first episode changed by from frame to frame, the lower median is
     what is usual; a few times that is tolerated. So an episode of something new, such as a
@@ -77,16 +78,14 @@ class Familiarity(nn.Module):
     @property
     def tolerance(self) -> NDArray[np.float32]:
         """The deviation at which a dimension is new, scaled `[D]`."""
-        return MARGIN * self.usual.numpy(force=True)
+        return (MARGIN * self.usual).numpy(force=True)
 
     def reset(self) -> None:
         """Starts a new recall episode: percepts judged before are forgotten."""
         self._deviation = np.zeros(self.dimensions, np.float32)
 
     @torch.no_grad()
-    def learn(
-        self, percepts: NDArray[np.float32], cues: NDArray[np.float32] | None
-    ) -> float:
+    def learn(self, percepts: NDArray[np.float32], cues: NDArray[np.float32] | None) -> float:
         """Learns what is usual from an episode, before the episode itself is learned.
 
         In eval mode nothing is learned.
@@ -122,7 +121,7 @@ class Familiarity(nn.Module):
         Raises:
             ValueError: of the wrong shape or not finite; nothing has changed.
         """
-        if cues.ndim != 2 or cues.shape[1:] != percept.shape or len(percept) != self.dimensions:
+        if percept.shape != (self.dimensions,) or cues.shape[1:] != percept.shape:
             raise ValueError(
                 f"expected a percept [{self.dimensions}] and cues [rows, {self.dimensions}], "
                 f"got {list(percept.shape)} and {list(cues.shape)}"
@@ -131,19 +130,19 @@ class Familiarity(nn.Module):
             raise ValueError(f"expected a finite percept, got {percept.tolist()}")
         if len(cues) == 0:
             return Judgement(math.inf, 0, math.inf)
-        apart = percept - cues
-        nearest = np.einsum("rd,rd->r", apart, apart).argmin()
-        self._deviation += RATE * (apart[nearest] - self._deviation)
-        ratio = np.abs(self._deviation) / self.tolerance
+        residual = residual_of(percept, cues)
+        self._deviation += RATE * (np.abs(residual) - self._deviation)
+        ratio = self._deviation / self.tolerance
         dimension = int(ratio.argmax())
-        return Judgement(float(ratio[dimension]), dimension, float(self._deviation[dimension]))
+        return Judgement(float(ratio[dimension]), dimension, float(residual[dimension]))
 
     def _note(self, largest: NDArray[np.float32]) -> None:
         """Takes in the largest deviations of one more episode `[D]`."""
         with torch.inference_mode(False):
             self.episodes.append({"deviation": torch.from_numpy(largest)})
             # The lower median, which torch takes: between two episodes, the calmer one.
-            usual = self.episodes.live("deviation").median(dim=0).values
+            deviation = self.episodes.live("deviation")
+            usual = deviation.median(dim=0).values.maximum(_LEAST_MOVEMENT * deviation[0])
             overall = float(usual.square().mean().sqrt())
             self.usual.copy_(usual.clamp(min=max(_LEAST, _LEAST_SHARE * overall)))
 
@@ -155,6 +154,12 @@ class Familiarity(nn.Module):
             )
         if not np.isfinite(rows).all():
             raise ValueError(f"expected finite {name}, got others among them")
+
+
+def residual_of(percept: NDArray[np.float32], cues: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The difference `[D]` of a percept `[D]` from the nearest of the cues `[R ≥ 1, D]`."""
+    apart = percept - cues
+    return apart[np.einsum("rd,rd->r", apart, apart).argmin()]
 
 
 def _movement(percepts: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -170,9 +175,9 @@ def _largest_deviation(
 ) -> NDArray[np.float32]:
     """The largest size that the deviation comes to in each dimension `[D]`."""
     deviation, largest = np.zeros((2, percepts.shape[1]), np.float32)
-    for residual in percepts - cues[_nearest(percepts, cues)]:
-        deviation += RATE * (residual - deviation)
-        np.maximum(largest, np.abs(deviation), out=largest)
+    for size in np.abs(percepts - cues[_nearest(percepts, cues)]):
+        deviation += RATE * (size - deviation)
+        np.maximum(largest, deviation, out=largest)
     return largest
 
 

@@ -277,6 +277,11 @@ def test_a_miss_is_six_to_eight_centimetres_beside_the_glass(body):
         ({"mishap": None}, "mishap must be one of"),
         ({"accident": "miss"}, r"options must be .*mishap.* got .*accident"),
         ({"mishap": "miss", "size": 1}, "options must be"),
+        (
+            {"glass_offset": (0.2, 0.0)},
+            r"expected glass_offset .* at most 0.16 m .* got \(0.2, 0.0",
+        ),
+        ({"mishap": "earthquake", "glass_offset": (0.1, 0.0)}, "mishap must be one of"),
     ],
 )
 def test_unknown_options_are_refused_before_anything_changes(scenes, options, message):

@@ -1,0 +1,135 @@
+"""The glasses elsewhere on the table: where they stand, where they cannot, what is done there."""
+
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+
+import envs  # noqa: F401  registers the environment
+from envs.glass_offset import CLEARANCE, DIRECTIONS, MAX_OFFSET, checked_offset, draw_offset
+from envs.scene import GLASS_PLACE, GLASS_RADIUS, ROOT_DISTANCE, TABLE_HALF_SIZE
+
+ENV_ID = "pacnet/PosturalImitation-v0"
+DISTANCE = 0.15  # [m]
+
+
+@pytest.fixture(scope="module")
+def env():
+    made = gymnasium.make(ENV_ID, noise_scale=0.0).unwrapped
+    yield made
+    made.close()
+
+
+def begin(env, seed, offset=None):
+    return env.reset(seed=seed, options=None if offset is None else {"glass_offset": offset})
+
+
+def play(env, seed, offset):
+    """The infos of an episode whose imitator is given the demonstrator's targets."""
+    infos, truncated = [begin(env, seed, offset)[1]], False
+    while not truncated:
+        *_, truncated, info = env.step_to(env.demonstrator_target)
+        infos.append(info)
+    return infos
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.1), (-0.15, 0.0), [0.0, -0.15], np.array((0.15, 0.0))])
+def test_both_glasses_stand_away_by_the_offset(env, offset):
+    observation, info = begin(env, 3)
+    elsewhere, moved = begin(env, 3, offset)
+    expected = np.array((*offset, 0.0))
+    assert moved["glass_position"] - info["glass_position"] == pytest.approx(expected)
+    away = elsewhere["glass"][:3] - observation["glass"][:3]
+    assert away == pytest.approx(expected, abs=1e-6)
+
+
+def test_without_an_offset_nothing_differs_by_a_bit():
+    env = gymnasium.make(ENV_ID).unwrapped
+    runs = []
+    for options in (None, {}, {"glass_offset": (0.0, 0.0)}):
+        records = [env.reset(seed=5, options=options)[0]]
+        records += [env.step_to(env.demonstrator_target)[0] for _ in range(30)]
+        runs.append([value.tobytes() for record in records for value in record.values()])
+    assert runs[0] == runs[1] == runs[2]
+    env.close()
+
+
+def test_an_offset_is_of_one_episode_alone(env):
+    usual = begin(env, 4)[1]["glass_position"]
+    begin(env, 4, (-0.1, 0.0))
+    assert np.array_equal(begin(env, 4)[1]["glass_position"], usual)
+
+
+def test_a_mishap_can_happen_elsewhere_too(env):
+    _, info = env.reset(seed=1000, options={"mishap": "miss", "glass_offset": (-0.1, -0.1)})
+    place, truncated = info["glass_position"], False
+    while not truncated:
+        *_, truncated, info = env.step_to(env.rest_posture)
+    assert not info["demonstrator_success"]
+    assert np.allclose(info["glass_position"], place, atol=1e-3)
+
+
+def check_successes(env, seeds):
+    rng = np.random.default_rng(seeds[0])
+    ends = [play(env, seed, draw_offset(rng, DISTANCE))[-1] for seed in seeds]
+    assert sum(end["demonstrator_success"] for end in ends) >= 0.99 * len(ends)
+    assert sum(end["is_success"] for end in ends) >= 0.98 * len(ends)
+
+
+def test_a_drink_succeeds_there(env):
+    check_successes(env, range(3))
+
+
+@pytest.mark.slow
+def test_a_hundred_drinks_succeed_there():
+    env = gymnasium.make(ENV_ID).unwrapped
+    check_successes(env, range(100))
+    env.close()
+
+
+def test_the_hand_has_the_glass_from_the_grasp_to_the_release(env):
+    infos = play(env, 0, (-0.1, -0.1))
+    held = {phase: [i["glass_held"] for i in infos if i["phase"] == phase] for phase in PHASES}
+    assert not any(held["rest"] + held["withdraw"])
+    assert all(held["lift"] + held["drink"])
+    assert not infos[0]["glass_held"]
+
+
+PHASES = ("rest", "approach", "grasp", "lift", "drink", "put", "release", "withdraw")
+
+
+def test_drawn_offsets_have_the_length_and_the_directions_and_can_be_used():
+    rng = np.random.default_rng(0)
+    offsets = np.array([draw_offset(rng, DISTANCE) for _ in range(300)])
+    assert np.linalg.norm(offsets, axis=1) == pytest.approx(DISTANCE)
+    directions = np.arctan2(offsets[:, 1], offsets[:, 0]) % (2 * math.pi)
+    low, high = DIRECTIONS
+    assert low <= directions.min() < low + 0.1
+    assert high - 0.1 < directions.max() <= high
+    assert all(np.array_equal(checked_offset(offset), offset) for offset in offsets)
+    assert np.array_equal(draw_offset(np.random.default_rng(0), DISTANCE), offsets[0])
+
+
+def test_the_longest_offset_stays_on_the_table():
+    edge = ROOT_DISTANCE / 2 - TABLE_HALF_SIZE[0]  # [m] from the body
+    nearest = GLASS_PLACE[0] - MAX_OFFSET - 0.01  # the glasses' spread
+    assert nearest - GLASS_RADIUS > edge
+
+
+def test_glasses_that_would_meet_are_refused():
+    towards_the_middle = np.array((ROOT_DISTANCE / 2, 0.0)) - GLASS_PLACE
+    with pytest.raises(ValueError, match=r"0\.06 m from the table's middle.* 0\.000 m from there"):
+        checked_offset(towards_the_middle)
+    away = towards_the_middle / np.linalg.norm(towards_the_middle)
+    checked_offset(towards_the_middle - 1.01 * CLEARANCE * away)
+
+
+@pytest.mark.parametrize(
+    "offset",
+    [None, 0.1, (0.1,), (0.1, 0.0, 0.0), "left", ("a", "b"), (math.nan, 0.0), (0.0, math.inf),
+     (0.12, 0.12), {"x": 1}],
+)  # fmt: skip
+def test_what_is_no_offset_is_refused(env, offset):
+    with pytest.raises(ValueError, match="expected glass_offset as"):
+        env.reset(seed=0, options={"glass_offset": offset})
