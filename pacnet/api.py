@@ -5,13 +5,16 @@ from pacnet.belief import RecognitionConfig
 from pacnet.competing_schemas import CompetingSchemas
 from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.competition import Competition, CompetitionConfig
+from pacnet.demonstrations import load_demonstrations
 from pacnet.ensemble import SOFMEnsemble
 from pacnet.forward_model import Command, ForwardModel, OneStateForwardModel, Selection
+from pacnet.imitator import Imitator
 from pacnet.mlp_forward_model import MLPForwardModel, MLPForwardModelConfig
 from pacnet.network import Action, Decision, PACNet, Recall
 from pacnet.network_config import PACNetConfig
 from pacnet.pid import PIDConfig, PIDController
 from pacnet.recognition import Recognition
+from pacnet.recorder import Recorder
 from pacnet.schema_network import SchemaNetwork, SchemaNetworkConfig
 from pacnet.schemas import MotorSchemas, MotorSchemasConfig
 from pacnet.sofm import HabituatingSOFM
@@ -31,6 +34,7 @@ __all__ = [
     "Decision",
     "ForwardModel",
     "HabituatingSOFM",
+    "Imitator",
     "MLPForwardModel",
     "MLPForwardModelConfig",
     "MotorSchemas",
@@ -44,6 +48,7 @@ __all__ = [
     "Recall",
     "Recognition",
     "RecognitionConfig",
+    "Recorder",
     "SOFMConfig",
     "SOFMEnsemble",
     "SchemaNetwork",
@@ -52,5 +57,6 @@ __all__ = [
     "Step",
     "TransitionMatrix",
     "TransitionMatrixConfig",
+    "load_demonstrations",
     "targets_ahead",
 ]

@@ -20,7 +20,7 @@ from pacnet.validation import is_integer
 MARGIN = 4.0  # times what is usual is tolerated
 RATE = 0.1  # per percept, at which residuals are followed: noise averages out over some twenty
 _MOVEMENT = 0.99  # quantile of the changes from frame to frame, which one demonstration shows
-_LEAST_MOVEMENT = 0.5  # of that movement is usual at least, where all repeat one another exactly
+_LEAST_MOVEMENT = 0.25  # of that movement is usual at least, where all repeat one another exactly
 _LEAST_SHARE = 0.1  # of all dimensions' usual deviation that is usual in a dimension at least
 _LEAST = 1e-6  # usual in a dimension at least, scaled, where nothing ever changed
 _AT_ONCE = 2**18  # distances computed at once, which a cache holds
@@ -100,14 +100,14 @@ class Familiarity(nn.Module):
         Raises:
             ValueError: of the wrong shape, no percepts, or not finite; nothing was learned then.
         """
-        self._check("percepts", percepts, least=1)
+        self._check("percepts", percepts)
         if cues is None or len(cues) == 0:
             largest, novelty = _movement(percepts), math.nan
         else:
-            self._check("cues", cues, least=1)
+            self._check("cues", cues)
             largest = _largest_deviation(percepts, cues)
             novelty = float((largest / self.tolerance).max())
-        if self.training:
+        if self.training and len(percepts) > 1:  # one frame shows neither movement nor noise
             self._note(largest)
         return novelty
 
@@ -146,11 +146,15 @@ class Familiarity(nn.Module):
             overall = float(usual.square().mean().sqrt())
             self.usual.copy_(usual.clamp(min=max(_LEAST, _LEAST_SHARE * overall)))
 
-    def _check(self, name: str, rows: NDArray[np.float32], least: int) -> None:
-        if rows.ndim != 2 or rows.shape[1] != self.dimensions or len(rows) < least:
+    def check_integrity(self) -> None:
+        """Raises a ValueError where nothing, or less than nothing, is tolerated in a dimension."""
+        if not bool((self.usual > 0).all()):
+            raise ValueError(f"expected usual deviations > 0, got {self.usual.tolist()}")
+
+    def _check(self, name: str, rows: NDArray[np.float32]) -> None:
+        if rows.ndim != 2 or rows.shape[1] != self.dimensions or len(rows) == 0:
             raise ValueError(
-                f"expected {name} of shape [rows ≥ {least}, {self.dimensions}], "
-                f"got {list(rows.shape)}"
+                f"expected {name} of shape [rows ≥ 1, {self.dimensions}], got {list(rows.shape)}"
             )
         if not np.isfinite(rows).all():
             raise ValueError(f"expected finite {name}, got others among them")

@@ -24,13 +24,12 @@ from pacnet.engine import Engine
 from pacnet.familiarity import Familiarity
 from pacnet.imitator_config import ImitatorConfig
 from pacnet.imitator_settings import choose_settings
+from pacnet.interrupts import interrupts_held_back
 from pacnet.mlp_forward_model import MLPForwardModel
-from pacnet.model_checkpoint import read_model, save_model
+from pacnet.model_checkpoint import check_finite, read_model, save_model
 from pacnet.network import Decision, PACNet
 from pacnet.sequences import close_gaps
 from pacnet.targets import targets_ahead
-
-_AT_ONCE = 500  # frames learned between two steps of a progress bar
 
 
 class Lesson(NamedTuple):
@@ -66,6 +65,10 @@ class ImitatorStep(NamedTuple):
     usual there; more than 1 is new."""
     dimension: str
     """The name of that dimension."""
+    deviation: float
+    """By how much this percept is more than what was learned there, in the dimension's own unit."""
+    tolerated: float
+    """How far off percepts may be there, for a while, in the same unit."""
     decision: Decision
     """Of the network: which node won, what it recalled."""
 
@@ -144,28 +147,36 @@ class Imitator(nn.Module):
     def learn(
         self, demonstrations: Demonstrations, progress: Callable[[int], object] | None = None
     ) -> list[Lesson]:
-        """Watches each demonstration once, in order, and goes on from what it knows.
+        """Learns each demonstration, in order, and goes on from what it knows.
 
-        The scale of percepts stays what it is. A forward model is fitted to the first
-        demonstrations and stays: it belongs to the body, not to what is shown.
+        The map watches a demonstration first, so that its nodes have settled when its targets are
+        kept. The scale of percepts stays what it is. A forward model is fitted to the first
+        demonstrations and stays: it belongs to the body, not to what is shown. In eval mode nothing
+        is learned. A Ctrl-C waits until the demonstration is learned.
 
         Args:
             demonstrations: of the same features and rate as all before.
-            progress: called with the number of frames learned since its last call.
+            progress: called after each demonstration with the number of its frames.
 
         Returns:
-            A lesson for each demonstration.
+            A lesson for each demonstration; none in eval mode.
 
         Raises:
-            ValueError: other features or another rate, or too few frames to fit a forward model
-                to; nothing has been learned then.
+            ValueError: other features or another rate, a demonstration that is empty, not finite,
+                or of unequal lengths, or too few frames to fit a forward model to; nothing has been
+                learned then.
         """
         self._check(demonstrations)
+        if not self.training:
+            return []
         if self.forward_model is not None and not self.lessons:
             self._fit(self.forward_model, demonstrations.episodes)
         before = len(self.lessons)
-        for demonstration in demonstrations:
-            self._learn_one(demonstrations.source, demonstration, progress)
+        for shown in demonstrations:
+            with torch.inference_mode(False), interrupts_held_back():
+                self._learn_one(demonstrations.source, shown)
+            if progress is not None:
+                progress(len(shown.state))
         return self.lessons[before:]
 
     def step(self, percept: NDArray[np.float32] | Tensor) -> ImitatorStep:
@@ -177,17 +188,20 @@ class Imitator(nn.Module):
         Raises:
             ValueError: of the wrong shape or dtype, or not finite; nothing has changed.
         """
-        percept = percept.numpy() if isinstance(percept, Tensor) else percept
+        percept = percept.detach().numpy() if isinstance(percept, Tensor) else percept
         state = percept[: self.config.state_dimensions] if self.forward_model is not None else None
         decision = self.network.step(percept, state)
         judgement = self.familiarity.judge(percept * self._scale, self._cues())
-        is_novel = judgement.novelty > 1
+        # What cannot be compared is new, too.
+        is_novel, unit = not judgement.novelty <= 1, float(self._scale[judgement.dimension])
         wanted = decision.target if self.forward_model is None else decision.action
         return ImitatorStep(
             None if is_novel else wanted,
             is_novel,
             judgement.novelty,
             self.percept_names[judgement.dimension],
+            judgement.deviation / unit,
+            float(self.familiarity.tolerance[judgement.dimension]) / unit,
             decision,
         )
 
@@ -220,18 +234,30 @@ class Imitator(nn.Module):
                 missing, extra or misshapen tensor.
         """
         fields, tensors = read_model(folder, "Imitator")
-        lessons = [Lesson(**lesson) for lesson in fields.pop("lessons", [])]
+        lessons = _lessons(fields.pop("lessons", None))
         imitator = cls(ImitatorConfig.from_dict(fields), engine)
         try:
+            check_finite(tensors)
             imitator.load_state_dict(tensors)
             imitator.network.check_integrity()
+            imitator.familiarity.check_integrity()
+            imitator.lessons = lessons
+            imitator._check_lessons()
         except (RuntimeError, ValueError) as error:
             told = " ".join(str(error).split())  # torch takes several lines
             raise ValueError(
                 f"expected the tensors of an Imitator in '{folder}': {told}"
             ) from error
-        imitator.lessons = lessons
         return imitator
+
+    def _check_lessons(self) -> None:
+        """Refuses learning episodes of the network that no lesson tells about."""
+        numbers = self._schemas.episodes.live("number")
+        if len(numbers) and int(numbers[-1]) >= len(self.lessons):
+            raise ValueError(
+                f"expected a lesson for each of {int(numbers[-1]) + 1} learning episodes, "
+                f"got {len(self.lessons)}"
+            )
 
     def _cues(self) -> NDArray[np.float32]:
         """All percepts that targets are kept with, scaled, `[R, D]`."""
@@ -258,6 +284,8 @@ class Imitator(nn.Module):
                 f"expected {self.config.fps} frames per second, as learned before, "
                 f"got {demonstrations.fps}"
             )
+        for shown in demonstrations:
+            _check_one(shown)
 
     def _fit(self, model: MLPForwardModel, episodes: Sequence[Demonstration]) -> None:
         """Fits the forward model to all steps from one frame to the next."""
@@ -268,23 +296,16 @@ class Imitator(nn.Module):
             seed=0,
         )
 
-    def _learn_one(
-        self, dataset: str, shown: Demonstration, progress: Callable[[int], object] | None
-    ) -> None:
-        percepts, targets = shown.percepts, self._targets(shown)
+    def _learn_one(self, dataset: str, shown: Demonstration) -> None:
+        percepts, number = shown.percepts, len(self.lessons)
         unfamiliar = self._compare(percepts)
-        before, novel = len(self.network.sofm), 0
-        number = len(self.lessons)
-        for seen, aimed in zip(percepts.split(_AT_ONCE), targets.split(_AT_ONCE), strict=True):
-            observed = self.network.observe(seen, aimed, number, shown.task)
-            novel += int(observed.novelty.sum())
-            if progress is not None:
-                progress(len(seen))
-        nodes = len(self.network.sofm)
+        watched = self.network.attend(percepts)
+        self.network.observe(percepts, self._targets(shown), number, shown.task)
         self.first_action += (shown.action[0] - self.first_action) / (number + 1)
-        share = novel / len(percepts)
+        new, nodes = int(watched.inserted.sum()), len(self.network.sofm)
+        share = float(watched.novelty.float().mean())
         told = (dataset, shown.episode, shown.task, len(percepts))
-        self.lessons.append(Lesson(*told, nodes - before, nodes, share, unfamiliar))
+        self.lessons.append(Lesson(*told, new, nodes, share, unfamiliar))
 
     def _targets(self, shown: Demonstration) -> Tensor:
         if self.config.targets == "action":
@@ -297,6 +318,27 @@ class Imitator(nn.Module):
         cues = self._cues() if self.lessons else None
         novelty = self.familiarity.learn(percepts.numpy() * self._scale, cues)
         return None if math.isnan(novelty) else novelty
+
+
+def _lessons(told: object) -> list[Lesson]:
+    """The lessons that a config tells of, as JSON has them."""
+    try:
+        return [Lesson(**lesson) for lesson in told]  # pyright: ignore[reportGeneralTypeIssues]
+    except TypeError as error:
+        raise ValueError(f"expected the lessons of an Imitator, got others: {error}") from error
+
+
+def _check_one(shown: Demonstration) -> None:
+    """Refuses a demonstration that is empty, of unequal lengths, or not finite."""
+    lengths = {len(shown.percepts), len(shown.action)}
+    if len(lengths) > 1 or 0 in lengths:
+        raise ValueError(
+            f"expected an action for each of at least one percept in episode {shown.episode}, "
+            f"got {len(shown.action)} for {len(shown.percepts)}"
+        )
+    for name, rows in (("percepts", shown.percepts), ("actions", shown.action)):
+        if not bool(rows.isfinite().all()):
+            raise ValueError(f"expected finite {name} in episode {shown.episode}, got others")
 
 
 def _listed(names: Sequence[str] | None) -> str:

@@ -22,8 +22,10 @@ from pacnet.mlp_forward_model import MLPForwardModelConfig
 from pacnet.network_config import PACNetConfig
 from pacnet.scaling import noise_scaling
 from pacnet.sofm_config import SOFMConfig
+from pacnet.validation import is_integer
 
 NOVELTY_THRESHOLD = 0.55  # activation
+RADIUS = 2.0  # of a node, at least, in lengths of the noise of a percept
 SETTLING = 0.1  # [s] τ of a winner: three times as long and it is fully habituated
 SEEN_AFTER = 0.5  # [s] after a schema's end, in which is seen what came after it
 ALIKE, UNUSUAL = 3.0, 3.0  # lengths of the noise of a percept: of one schema, not novel
@@ -36,12 +38,13 @@ def choose_settings(
     demonstrations: Demonstrations, targets: Literal["action", "state"], lead: int
 ) -> ImitatorConfig:
     """Settings for these demonstrations; see `Imitator.untaught`."""
+    _check(demonstrations, targets, lead)
     scaling = noise_scaling([shown.percepts for shown in demonstrations])
     fps, dimensions = demonstrations.fps, len(scaling.scale)
     attention = SOFMConfig.paper(
         dimensions,
         scale=scaling.scale,
-        novelty_threshold=NOVELTY_THRESHOLD,
+        novelty_threshold=min(NOVELTY_THRESHOLD, math.exp(-RADIUS * scaling.noise)),
         winner_tau=max(1.0, SETTLING * fps),
     )
     percepts, action = demonstrations.percept_features, demonstrations.action_names
@@ -63,6 +66,21 @@ def choose_settings(
         network=PACNetConfig(attention, schemas),
         forward_model=_forward_model(demonstrations.episodes, lead) if targets == "state" else None,
     )
+
+
+def _check(demonstrations: Demonstrations, targets: str, lead: int) -> None:
+    """Refuses what no settings suit."""
+    if not demonstrations.percept_features:
+        raise ValueError(
+            f"expected percepts and actions of different features, got {demonstrations.action!r} "
+            "for both"
+        )
+    longest = max((len(shown.state) for shown in demonstrations), default=0)
+    if targets == "state" and not (is_integer(lead, 1) and lead < longest):
+        raise ValueError(
+            f"expected lead as a number of frames from 1 to {longest - 1}, less than the longest "
+            f"demonstration has, got {lead!r}"
+        )
 
 
 def _forward_model(episodes: Sequence[Demonstration], lead: int) -> MLPForwardModelConfig:

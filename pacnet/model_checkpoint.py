@@ -28,7 +28,7 @@ def save_model(model: nn.Module, fields: Mapping[str, Any], folder: str | Path) 
         ValueError: a tensor that is not finite; nothing has been written.
     """
     tensors = model.state_dict()
-    _check_finite(tensors)
+    check_finite(tensors)
     write_checkpoint(folder, {_KIND: type(model).__name__, **fields}, tensors)
 
 
@@ -88,11 +88,12 @@ def load_tensors(model: nn.Module, tensors: dict[str, Tensor], like: str) -> Non
                 f"expected {name} of {kind} as {wanted[0]} {list(wanted[1])}, "
                 f"got {got[0]} {list(got[1])}"
             )
-    _check_finite(tensors)
+    check_finite(tensors)
     model.load_state_dict(tensors)
 
 
-def _check_finite(tensors: dict[str, Tensor]) -> None:
+def check_finite(tensors: Mapping[str, Tensor]) -> None:
+    """Raises a ValueError that names the first tensor with NaN or infinity in it."""
     for name, tensor in tensors.items():
         if not bool(torch.isfinite(tensor).all()):
             raise ValueError(f"expected finite {name}, got NaN or infinity")

@@ -142,6 +142,24 @@ class PACNet(nn.Module):
         return self.sofm(percepts)
 
     @torch.no_grad()
+    def attend(self, percepts: Tensor) -> Observation:
+        """The map alone learns: nodes come and settle, and keep no targets.
+
+        An episode that is attended to before it is observed is kept from its first sample on, where
+        else each node keeps targets only once it is fully habituated. In eval mode nothing is
+        learned.
+
+        Args:
+            percepts: `[T, D]`, in order of time.
+
+        Raises:
+            ValueError: wrong shape, dtype or device, empty, or not finite.
+        """
+        percepts = self.sofm.scaled(percepts.detach())
+        parts = [self._learn(part, None, NO_EPISODE) for part in percepts.split(_AT_ONCE)]
+        return Observation(*map(torch.cat, zip(*parts, strict=True)))
+
+    @torch.no_grad()
     def observe(
         self, percepts: Tensor, targets: Tensor, episode: int, behaviour: str = ""
     ) -> Observation:
@@ -182,7 +200,7 @@ class PACNet(nn.Module):
                 self.schemas.begin(episode, behaviour)
             self.episode.fill_(episode)
 
-    def _learn(self, percepts: Tensor, targets: Tensor, episode: int) -> Observation:
+    def _learn(self, percepts: Tensor, targets: Tensor | None, episode: int) -> Observation:
         # Growing inside a caller's inference mode would make buffers nobody can update later; a
         # Ctrl-C between map and schemas would leave nodes without one.
         with torch.inference_mode(False), interrupts_held_back():
@@ -191,27 +209,28 @@ class PACNet(nn.Module):
                 self._keep(lesson, percepts, targets, episode)
         return lesson.observation
 
-    def _keep(self, lesson: Lesson, percepts: Tensor, targets: Tensor, episode: int) -> None:
+    def _keep(self, lesson: Lesson, percepts: Tensor, targets: Tensor | None, episode: int) -> None:
         """Takes the motor schemas, which do not influence the map, to where the map is.
 
         Args:
             lesson: what the map did.
             percepts: `[T, D]`, scaled.
-            targets: `[T, A]`.
+            targets: `[T, A]`; None where none are to be kept.
             episode: number of the learning episode.
         """
         observed = lesson.observation
         for part, gone in lesson.between_deletions():
             for _ in range(int(observed.inserted[part].sum())):
                 self.schemas.add_node()
-            samples = Samples(
-                node=observed.winner[part],
-                activation=observed.activation[part],
-                habituated=lesson.habituated[part],
-                target=targets[part],
-                cue=percepts[part],
-            )
-            self.schemas.write_samples(samples, episode)
+            if targets is not None:
+                samples = Samples(
+                    node=observed.winner[part],
+                    activation=observed.activation[part],
+                    habituated=lesson.habituated[part],
+                    target=targets[part],
+                    cue=percepts[part],
+                )
+                self.schemas.write_samples(samples, episode)
             if len(gone):
                 self.schemas.delete(gone)
 

@@ -62,13 +62,15 @@ def test_a_lesson_worked_out_by_hand():
     # 8 from the nearest, then 4 on the other side: 0.8, then 0.9 · 0.8 + 0.1 · 4 = 1.12.
     assert familiarity.learn(rows([10], [-4]), known) == pytest.approx(1.12 / 4)
     assert familiarity.usual == pytest.approx([1])  # the lower median of 1 and 1.12
-    familiarity.learn(rows([8]), known)  # 0.6
+    familiarity.learn(rows([2], [8]), known)  # 0, then 0.1 · 6 = 0.6
     assert familiarity.usual == pytest.approx([1])  # the median of 1, 1.12 and 0.6
-    familiarity.learn(rows([2]), known)  # 0
+    familiarity.learn(rows([2], [1]), known)  # 0
     assert familiarity.usual == pytest.approx([0.6])  # the lower median of 0, 0.6, 1 and 1.12
-    familiarity.learn(rows([2]), known)
-    familiarity.learn(rows([2]), known)  # of 0, 0, 0, 0.6, 1 and 1.12 it is 0
-    assert familiarity.usual == pytest.approx([0.5])  # half of what the first one moved by
+    familiarity.learn(rows([50]), known)  # one frame shows nothing
+    assert familiarity.usual == pytest.approx([0.6])
+    for _ in range(2):
+        familiarity.learn(rows([2], [1]), known)  # of 0, 0, 0, 0.6, 1 and 1.12 it is 0
+    assert familiarity.usual == pytest.approx([0.25])  # a quarter of what the first one moved by
 
 
 def test_what_one_demonstration_teaches_worked_out_by_hand():

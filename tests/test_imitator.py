@@ -15,6 +15,7 @@ from torch import Tensor
 
 from pacnet.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator, Lesson
+from pacnet.targets import targets_ahead
 
 FPS = 50
 NAMES = {
@@ -214,6 +215,105 @@ def test_before_anything_was_learned_nothing_is_done(demonstrations: Demonstrati
     step = Imitator.untaught(demonstrations).step(demonstrations.episodes[0].percepts[0])
     assert step.action is None
     assert step.is_novel
+
+
+@pytest.mark.parametrize(("fps", "frames"), [(30, 80), (50, 300)])
+def test_one_demonstration_is_enough_to_act_by(fps: int, frames: int):
+    one, every = reach(0), FRAMES // frames
+    state = one.state[::every]
+    ahead = targets_ahead(state, steps=5)  # where the arm was told to go: beyond the noise
+    one = replace(one, state=state, environment_state=one.environment_state[::every], action=ahead)
+    demonstrations = Demonstrations(fps, NAMES, (one,), "reaching")
+    imitator = Imitator.untaught(demonstrations)
+    (lesson,) = imitator.learn(demonstrations)
+    assert int(imitator.network.schemas.lengths.sum()) > 0.95 * lesson.frames
+    at, way = one.state[0], []
+    for _ in range(2 * lesson.frames):
+        step = imitator.step(torch.cat([at, torch.zeros(1)]))
+        at = at if step.action is None else torch.from_numpy(step.action)
+        way.append(at)
+    way = torch.stack(way)
+    for part in (0.25, 0.5, 0.75):  # of the demonstration: the arm comes by there
+        there = one.state[int(part * lesson.frames)]
+        assert float((way - there).norm(dim=1).amin()) < 0.05
+
+
+def test_in_eval_mode_nothing_is_learned(taught: Imitator):
+    imitator = deepcopy(taught).eval()
+    assert imitator.learn(shown(reach(9))) == []
+    assert imitator.lessons == taught.lessons
+    assert_same(imitator, taught)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda one: replace(one, state=one.state * torch.nan), "finite percepts in episode 8"),
+        (lambda one: replace(one, action=one.action / 0), "finite actions in episode 8"),
+        (lambda one: replace(one, action=one.action[:-1]), "got 299 for 300"),
+    ],
+)
+def test_one_bad_demonstration_refuses_all(taught: Imitator, spoil, message: str):
+    imitator = deepcopy(taught)
+    with pytest.raises(ValueError, match=message):
+        imitator.learn(shown(reach(7), spoil(reach(8))))
+    assert imitator.lessons == taught.lessons
+    assert_same(imitator, taught)
+
+
+def test_an_interrupt_leaves_whole_lessons(taught: Imitator):
+    def interrupt(_: int) -> None:
+        raise KeyboardInterrupt
+
+    interrupted, expected = deepcopy(taught), deepcopy(taught)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.learn(shown(reach(7), reach(8)), interrupt)
+    interrupted.learn(shown(reach(8)))
+    expected.learn(shown(reach(7), reach(8)))
+    assert interrupted.lessons == expected.lessons
+    assert_same(interrupted, expected)
+
+
+@pytest.mark.parametrize("usual", [math.nan, -1.0, 0.0])
+def test_a_checkpoint_that_tolerates_nothing_sensible_is_refused(
+    taught: Imitator, usual: float, tmp_path: Path
+):
+    from pacnet.checkpoint import read_checkpoint, write_checkpoint
+
+    taught.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    tensors["familiarity.usual"][0] = usual
+    write_checkpoint(tmp_path, fields, tensors)
+    with pytest.raises(ValueError, match=r"tensors of an Imitator.*familiarity.usual|usual dev"):
+        Imitator.from_pretrained(tmp_path)
+
+
+@pytest.mark.parametrize("lessons", [None, "all", [{"dataset": "reaching"}], [], [3]])
+def test_a_checkpoint_with_other_lessons_is_refused(
+    taught: Imitator, lessons: object, tmp_path: Path
+):
+    from pacnet.checkpoint import read_checkpoint, write_checkpoint
+
+    taught.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    write_checkpoint(tmp_path, {**fields, "lessons": lessons}, tensors)
+    with pytest.raises(ValueError, match="lesson"):
+        Imitator.from_pretrained(tmp_path)
+
+
+@pytest.mark.parametrize("lead", [0, FRAMES, 2.0])
+def test_a_lead_within_the_demonstrations(demonstrations: Demonstrations, lead: int):
+    with pytest.raises(ValueError, match="expected lead as a number of frames from 1 to 299"):
+        Imitator.untaught(demonstrations, targets="state", lead=lead)
+
+
+def test_percepts_and_actions_of_one_feature_are_refused(demonstrations: Demonstrations):
+    names = {"observation.state": NAMES["observation.state"]}
+    same = replace(demonstrations, names=names, action="observation.state")
+    with pytest.raises(
+        ValueError, match=r"of different features, got 'observation.state' for both"
+    ):
+        Imitator.untaught(same)
 
 
 def test_nodes_settle_in_time_not_in_frames():

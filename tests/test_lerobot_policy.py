@@ -384,6 +384,13 @@ def test_it_holds_where_all_is_new(policy: PACNetPolicy, dataset: Demonstrations
     for _ in range(5):
         assert torch.equal(policy.select_action(percept(FAR)), last)
     assert policy.last_steps[0].is_novel
+    known = {STATE: shown.percepts[60:61, :2], GLASS: shown.percepts[60:61, 2:]}
+    for _ in range(60):  # nobody answered: it does not set in halfway through
+        assert torch.equal(policy.select_action(known), last)
+    assert not policy.last_steps[0].is_novel
+    policy.reset()
+    policy.select_action(percept(shown.percepts[0, :2], float(shown.percepts[0, 2])))
+    assert policy.last_steps[0].action is not None
 
 
 def test_a_robot_holds_still_before_its_first_action():

@@ -83,8 +83,7 @@ def test_it_is_shown_what_to_do_until_it_does_so(corrected):
     assert [turn.learning is not None for turn in turns] == [False, *[True] * 3, False, False]
     assert all(turn.learning > 0 for turn in turns[1:4])
     assert [(lesson.dataset, lesson.episode) for lesson in imitator.lessons] == [
-        ("drinking", number)
-        for number in (0, 1, 2, 3, 3, 4, 4, 5, 5)  # corrections twice
+        ("drinking", number) for number in range(6)
     ]
     assert imitator.lessons[3].unfamiliar > 1 > imitator.lessons[5].unfamiliar
     assert not imitator.training

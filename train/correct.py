@@ -216,8 +216,7 @@ class Teacher:
         shown = as_demonstration(self._next, frames)
         self._recorder.save_episode(TASK, frames | annotate(self._imitator, shown, done))
         self._next += 1
-        # Twice, for nodes that come into being by it keep nothing until they are habituated.
-        lesson = Demonstrations(FPS, self._given.names, (shown, shown), self._given.source)
+        lesson = Demonstrations(FPS, self._given.names, (shown,), self._given.source)
         began = time.perf_counter()
         self._imitator.train()
         self._imitator.learn(lesson)

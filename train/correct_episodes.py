@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from envs.postural_imitation import PosturalImitationEnv, percept
 from pacnet.demonstrations import Demonstration
-from pacnet.familiarity import residual_of
-from pacnet.imitator import Imitator, ImitatorStep
+from pacnet.imitator import Imitator
 from pacnet.recording import Feature
 from train.pool import share_out
 from train.postural_episodes import TASK, Condition, make_environment
@@ -106,10 +105,9 @@ def attempt(imitator: Imitator, environment: PosturalImitationEnv, situation: Si
     novelty: list[float] = []
     infos = []
     while not truncated:
-        seen = percept(observation)
-        step = imitator.step(seen)
+        step = imitator.step(percept(observation))
         if step.is_novel and pause is None:
-            pause = _pause(imitator, step, seen, len(novelty))
+            pause = Pause(len(novelty), step.dimension, step.deviation, step.tolerated)
         if step.action is not None and pause is None:
             target = step.action
         novelty.append(step.novelty)
@@ -201,12 +199,3 @@ def _begin(
     environment: PosturalImitationEnv, situation: Situation
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
     return environment.reset(seed=situation.seed, options={"glass_offset": situation.offset})
-
-
-def _pause(imitator: Imitator, step: ImitatorStep, seen: NDArray[np.float32], time: int) -> Pause:
-    """What was new when this was seen `[D]`, in the percept's own units."""
-    scale = imitator.network.sofm.scale.numpy()
-    residual = residual_of(seen * scale, imitator.network.schemas.pool.live("cue").numpy()) / scale
-    tolerance = imitator.familiarity.tolerance / scale
-    number = imitator.percept_names.index(step.dimension)
-    return Pause(time, step.dimension, float(residual[number]), float(tolerance[number]))

@@ -45,6 +45,8 @@ def explain(
         "novelty": step.novelty,
         "is_novel": step.is_novel,
         "dimension": step.dimension,
+        "deviation": step.deviation,
+        "tolerated": step.tolerated,
         "percept": dict(zip(imitator.percept_names, percepts[-1].tolist(), strict=True)),
         **_choice(imitator, step),
         "targets_are": imitator.config.targets,

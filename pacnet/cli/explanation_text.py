@@ -34,7 +34,11 @@ def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     pairs = [
         ("frame", f"{at} of episode {document['episode']} of {document['dataset']}, “{task}”"),
         ("does", f"{document['does']}: {document['because']}"),
-        ("novelty", f"{document['novelty']:.2f} (new over 1), largest in {document['dimension']}"),
+        (
+            "novelty",
+            f"{document['novelty']:.2f} (new over 1), largest in {document['dimension']}: "
+            f"{document['deviation']:+.3g}, {document['tolerated']:.3g} is tolerated",
+        ),
         (
             "winner",
             f"node {document['winner']}, activation {document['activation']:.2f} "

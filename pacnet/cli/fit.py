@@ -96,11 +96,11 @@ def _check_out(arguments: argparse.Namespace) -> None:
     from pacnet.checkpoint import TENSOR_FILE
     from pacnet.cli.sources import checkpoint_folder
 
-    out = Path(arguments.out)
+    folder, out = checkpoint_folder(arguments.out), Path(arguments.out)
     if out.exists() and not out.is_dir():
         raise ValueError(f"expected --out as a folder, '{out}' is a file")
-    folder, origin = checkpoint_folder(out), checkpoint_folder(arguments.origin or "")
-    goes_on = arguments.origin is not None and folder.resolve() == origin.resolve()
+    origin = arguments.origin
+    goes_on = origin is not None and folder.resolve() == checkpoint_folder(origin).resolve()
     if (folder / TENSOR_FILE).exists() and not goes_on and not arguments.overwrite:
         raise ValueError(
             f"expected a folder without a checkpoint, '{out}' holds one: go on from it with "

@@ -67,6 +67,7 @@ def over_tolerated(novelty: float | None) -> str:
 
 
 def _cut(cell: str) -> str:
+    cell = " ".join(cell.split())  # on one line
     return cell if len(cell) <= _LONGEST else cell[: _LONGEST - 1] + "…"
 
 

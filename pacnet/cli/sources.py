@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
-from pacnet.checkpoint import read_checkpoint
+from pacnet.checkpoint import CONFIG_FILE, read_checkpoint
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.imitator import Imitator
 
@@ -12,9 +13,24 @@ POLICY = "imitator"  # folder within that of a LeRobot policy
 
 
 def checkpoint_folder(folder: str | Path) -> Path:
-    """The folder of the checkpoint itself, where a LeRobot policy holds it."""
+    """The folder of the checkpoint itself, where a LeRobot policy holds it.
+
+    Raises:
+        ValueError: an empty name.
+    """
+    if not str(folder):
+        raise ValueError("expected the folder of a checkpoint, got an empty name")
     folder = Path(folder)
-    return folder / POLICY if (folder / POLICY).is_dir() else folder
+    return folder / POLICY if _is_policy(folder) else folder
+
+
+def _is_policy(folder: Path) -> bool:
+    """Whether LeRobot wrote the folder, for a policy of pacnet's."""
+    try:
+        config = json.loads((folder / CONFIG_FILE).read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(config, dict) and config.get("type") == "pacnet"
 
 
 def kind_of(folder: Path) -> str:

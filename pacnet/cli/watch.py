@@ -51,6 +51,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     imitator = load_imitator(arguments.checkpoint)
     demonstrations = load_percepts(imitator, arguments.dataset)
+    _make_folders(arguments)
     seen = list(see(imitator, demonstrations))
     behaviours, fps = imitator.network.behaviours, demonstrations.fps
     print_table(_HEADS, [_row(one, behaviours, fps) for one in seen])
@@ -66,6 +67,14 @@ def run(arguments: argparse.Namespace) -> None:
     if written:
         print()
         print_pairs(written)
+
+
+def _make_folders(arguments: argparse.Namespace) -> None:
+    """Whether there is a place for what will be written, before anything is watched."""
+    if arguments.out is not None:
+        Path(arguments.out).mkdir(parents=True, exist_ok=True)
+    if arguments.rerun is not None:
+        Path(arguments.rerun).parent.mkdir(parents=True, exist_ok=True)
 
 
 def _row(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
@@ -92,7 +101,6 @@ def _draw(seen: Sequence[Seen], imitator: Imitator, fps: float, folder: Path) ->
     from pacnet.recognition_figures import recognition_over_time
     from pacnet.watching import shown
 
-    folder.mkdir(parents=True, exist_ok=True)
     titles = shown(imitator.network.behaviours)
     for one in seen:
         number, task = one.watched.demonstration.episode, one.watched.demonstration.task

@@ -16,6 +16,9 @@ Ask = Callable[[ImitatorStep, NDArray[np.float32]], NDArray[np.float32] | None]
 class Actor:
     """One robot of a batch: where it is in its recall episode, and its last action.
 
+    Where something is new and nobody answers, it holds until the episode ends: halfway through a
+    task may look known again, but what came before it was not done.
+
     Args:
         imitator: a taught one; the actor keeps a copy, whose recall episode is its own.
     """
@@ -28,6 +31,7 @@ class Actor:
         """Starts a new recall episode."""
         self.imitator.reset()
         self._last: NDArray[np.float32] | None = None
+        self._holds = False  # for the rest of the episode
 
     def act(
         self, percept: NDArray[np.float32], ask: Ask | None
@@ -45,10 +49,11 @@ class Actor:
             ValueError: a percept or an answer of the wrong shape, or not finite.
         """
         step = self.imitator.step(percept)
-        action = step.action
+        action = None if self._holds else step.action
         if action is None and ask is not None:
             action = self._checked(ask(step, percept))
         if action is None:
+            self._holds |= step.is_novel
             action = self._hold(percept)
         self._last = action
         return action, step
