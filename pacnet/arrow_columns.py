@@ -3,7 +3,7 @@
 By way of buffers and DLPack: Arrow's own conversions import pandas, for 0.6 s, where there is one.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,16 +43,41 @@ def to_arrow_words(words: Sequence[str]) -> "pa.Array":
     return pa.Array.from_buffers(pa.string(), len(words), buffers)
 
 
-def to_numpy(chunks: Iterable["pa.Array"]) -> NDArray[np.generic]:
-    """The vectors [N, D] of a column's chunks, at least one, without gaps; booleans as 0 and 1."""
-    return np.concatenate([_chunk_to_numpy(chunk) for chunk in chunks])
+def to_numpy(column: "pa.ChunkedArray", dimension: int) -> NDArray[np.generic]:
+    """A column of numbers as vectors [N, D]; booleans as 0 and 1.
+
+    Raises:
+        ValueError: It holds something else; the message says what was found.
+    """
+    import pyarrow.compute as pc
+    import pyarrow.types
+
+    values = column.combine_chunks()
+    if dimension > 1 or pyarrow.types.is_nested(values.type):
+        if not _is_list(values.type):
+            raise ValueError(f"{values.type} in place of lists of {dimension}")
+        lengths = _numbers(pc.call_function("list_value_length", [values]))
+        if (lengths != dimension).any():
+            raise ValueError(
+                f"{lengths[lengths != dimension][0]} in a frame in place of {dimension}"
+            )
+        values = values.flatten()
+    return _numbers(values).reshape(-1, dimension)
 
 
-def _chunk_to_numpy(chunk: "pa.Array") -> NDArray[np.generic]:
-    import pyarrow as pa
+def _is_list(kind: "pa.DataType") -> bool:
+    from pyarrow import types
 
-    length = len(chunk)
-    flat = chunk.flatten() if pa.types.is_nested(chunk.type) else chunk
-    if pa.types.is_boolean(flat.type):
-        flat = flat.cast(pa.uint8())
-    return np.from_dlpack(flat).reshape(length, -1)
+    return types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+
+
+def _numbers(values: "pa.Array") -> NDArray[np.generic]:
+    import pyarrow.types
+
+    if values.null_count:
+        raise ValueError(f"{values.null_count} gaps")
+    if pyarrow.types.is_boolean(values.type):
+        values = values.cast(pyarrow.uint8())
+    if not (pyarrow.types.is_integer(values.type) or pyarrow.types.is_floating(values.type)):
+        raise ValueError(f"values of type {values.type}")
+    return np.from_dlpack(values)

@@ -11,15 +11,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.arrow_columns import to_numpy
-from pacnet.lerobot_files import FORMAT_VERSION, DatasetError, read_info, read_parquet
+from pacnet.lerobot_files import (
+    FORMAT_VERSION,
+    INFO,
+    TASKS,
+    DatasetError,
+    read_all_tasks,
+    read_columns,
+    read_description,
+    told_names,
+)
 from pacnet.recording import RESERVED, Recording
-from pacnet.staging import INFO
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-TASKS = "meta/tasks.parquet"
 STATISTICS = "meta/stats.json"
 _EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _FRAMES = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -31,6 +37,8 @@ _OWN = {
     "index": "int64",
     "task_index": "int64",
 }
+# What LeRobot takes for granted where a dataset does not say it.
+_DEFAULTS = {"chunks_size": 1000, "data_files_size_in_mb": 100, "data_path": _FRAMES}
 _POINTERS = (
     "data/chunk_index",
     "data/file_index",
@@ -85,8 +93,8 @@ def new_dataset(recording: Recording) -> Dataset:
         "total_episodes": 0,
         "total_frames": 0,
         "total_tasks": 0,
-        "chunks_size": 1000,
-        "data_files_size_in_mb": 100,
+        "chunks_size": _DEFAULTS["chunks_size"],
+        "data_files_size_in_mb": _DEFAULTS["data_files_size_in_mb"],
         "video_files_size_in_mb": 200,
         "fps": recording.fps,
         "splits": {},
@@ -94,21 +102,27 @@ def new_dataset(recording: Recording) -> Dataset:
         "video_path": None,
         "features": features | own,
     }
+    return _without_episodes(info)
+
+
+def _without_episodes(info: dict[str, Any]) -> Dataset:
     return Dataset(info, [], [], FileNumber(0, 0), FileNumber(0, 0), None)
 
 
 def read_dataset(root: Path) -> Dataset:
-    """A dataset that is there.
+    """A dataset that is there, be it without an episode as LeRobot makes it.
 
     Raises:
         DatasetError: It cannot be read, or its files contradict one another.
     """
-    info = read_info(root)
+    info = read_description(root)
+    info |= _DEFAULTS | info
     paths = sorted((root / "meta" / "episodes").glob("*/*.parquet"))
+    if not paths and info.get("total_frames") == 0:
+        return _without_episodes(info)
     if not paths:
         raise DatasetError(f"{root} has no meta/episodes/chunk-*/file-*.parquet")
-    tables = [read_parquet(path, _POINTERS) for path in paths]
-    rows = np.concatenate([_matrix(table) for table in tables])  # [episodes, pointers]
+    rows = np.concatenate([_pointers(path) for path in paths])
     files = [FileNumber(*pair) for pair in dict.fromkeys(map(tuple, rows[:, :2].tolist()))]
     size = info["chunks_size"]
     dataset = Dataset(
@@ -123,8 +137,9 @@ def read_dataset(root: Path) -> Dataset:
     return dataset
 
 
-def _matrix(table: "pa.Table") -> NDArray[np.generic]:
-    return np.hstack([to_numpy(table[name].chunks) for name in _POINTERS])
+def _pointers(path: Path) -> NDArray[np.generic]:
+    """Where the episodes of one file are, [episodes, pointers]."""
+    return np.hstack([*read_columns(path, dict.fromkeys(_POINTERS, 1)).values()])
 
 
 def _schema(path: Path) -> "pa.Schema":
@@ -134,14 +149,8 @@ def _schema(path: Path) -> "pa.Schema":
 
 
 def _read_tasks(root: Path) -> list[str]:
-    """All tasks in words, by their numbers; what their column is called depends on who wrote it."""
-    table = read_parquet(root / TASKS)
-    words = [name for name in table.column_names if name != "task_index"]
-    if len(words) != 1 or len(table.column_names) != 2:
-        raise DatasetError(
-            f"{root / TASKS}: expected task_index and a task, found {table.column_names}"
-        )
-    told = dict(zip(table["task_index"].to_pylist(), table[words[0]].to_pylist(), strict=True))
+    """All tasks in words, by their numbers."""
+    told = read_all_tasks(root)
     if sorted(told) != list(range(len(told))):
         raise DatasetError(f"{root / TASKS}: expected tasks 0, 1, ..., found {sorted(told)}")
     return [told[number] for number in range(len(told))]
@@ -159,7 +168,8 @@ def _check_counts(root: Path, dataset: Dataset, episodes: int, frames: int) -> N
             rows += pq.read_metadata(path).num_rows
         except (OSError, pa.ArrowException) as error:
             raise DatasetError(f"{path} cannot be read: {error}") from error
-    counted = (info["total_episodes"], info["total_frames"], info["total_frames"])
+    frames_told = info.get("total_frames")
+    counted = (info.get("total_episodes"), frames_told, frames_told)
     if counted != (episodes, frames, rows):
         raise DatasetError(
             f"{root}: expected {counted[0]} episodes of {counted[1]} frames as in {INFO}, found "
@@ -167,10 +177,9 @@ def _check_counts(root: Path, dataset: Dataset, episodes: int, frames: int) -> N
         )
 
 
-def read_column(paths: Sequence[Path], name: str) -> NDArray[np.generic]:
+def read_column(paths: Sequence[Path], name: str, dimension: int) -> NDArray[np.generic]:
     """A feature of all frames in these files, [N, D]."""
-    chunks = [chunk for path in paths for chunk in read_parquet(path, [name])[name].chunks]
-    return to_numpy(chunks)
+    return np.concatenate([read_columns(path, {name: dimension})[name] for path in paths])
 
 
 def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
@@ -201,11 +210,8 @@ def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
 
 
 def _described(told: dict[str, Any], otherwise: Sequence[str]) -> tuple[str, list[str]]:
-    """A feature's dtype and names; a dataset may be without names, or have them by kind of part."""
-    names = told.get("names")
-    if isinstance(names, dict):
-        names = next(iter(names.values()), None)
-    shape = list(told["shape"])
-    if isinstance(names, list) and [len(names)] == shape:
+    """A feature's dtype and names; a dataset may be without names."""
+    names, shape = told_names(told), list(told["shape"])
+    if names is not None:
         return told["dtype"], names
     return told["dtype"], list(otherwise) if shape == [len(otherwise)] else [f"shape {shape}"]

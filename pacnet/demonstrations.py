@@ -13,7 +13,14 @@ from torch import Tensor
 
 from pacnet.encoded_images import Encoder, encode_images
 from pacnet.journal import check_folded
-from pacnet.lerobot_files import PICTURES, DatasetError, read_frames, read_info, read_tasks
+from pacnet.lerobot_files import (
+    PICTURES,
+    DatasetError,
+    read_frames,
+    read_info,
+    read_tasks,
+    told_names,
+)
 
 STATE, ENVIRONMENT_STATE, ACTION = (
     "observation.state", "observation.environment_state", "action",
@@ -196,7 +203,7 @@ def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
     wanted = f"expected {feature!r} to be a vector of numbers of shape [D > 0]"
     if not isinstance(description, dict):
         raise DatasetError(f"{wanted}, found the description {description!r}")
-    dtype, shape, names = (description.get(key) for key in ("dtype", "shape", "names"))
+    dtype, shape = description.get("dtype"), description.get("shape")
     if dtype in PICTURES:
         raise DatasetError(
             f"{wanted}, found {dtype}s of shape {shape}: percepts are made of them by an encoder, "
@@ -204,11 +211,7 @@ def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
         )
     if not re.match("float|int|bool", str(dtype)) or not _is_vector_shape(shape):
         raise DatasetError(f"{wanted}, found dtype {dtype}, shape {shape}")
-    if isinstance(names, dict):  # some robots' datasets keep them as {"motors": [...]}
-        names = next(iter(names.values()), None)
-    if not isinstance(names, list) or len(names) != shape[0]:
-        names = range(shape[0])
-    return tuple(str(name) for name in names)
+    return tuple(told_names(description) or map(str, range(shape[0])))
 
 
 def _is_vector_shape(shape: object) -> TypeGuard[list[int]]:

@@ -27,6 +27,14 @@ def put_in_place(path: Path, content: bytes) -> None:
     flush_folder(path.parent)
 
 
+def make_folder(folder: Path) -> None:
+    """Makes a folder and its parents, where they are missing, as durable as what it will hold."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in missing:
+        flush_folder(path.parent)
+
+
 def flush_folder(folder: Path) -> None:
     """Makes the renames and deletions in a folder durable, where the system can."""
     if not hasattr(os, "O_DIRECTORY"):

@@ -82,4 +82,4 @@ def _checked(feature: str, vector: object, before: list[Tensor]) -> Tensor:
         raise ValueError(f"{wanted}, got one of length {len(vector)}")
     if not bool(vector.isfinite().all()):
         raise ValueError(f"{wanted}, got {vector.tolist()} in frame {len(before)}")
-    return vector.float().cpu()
+    return vector.to("cpu", torch.float32, copy=True)  # it may be a buffer of the encoder

@@ -5,7 +5,7 @@ LeRobot reads the dataset as it was until `meta/episodes` and `meta/info.json` a
 statistics are those of all frames: each fold reads the old ones, and writes none of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,6 @@ import numpy as np
 from pacnet.arrow_columns import to_arrow, to_numpy
 from pacnet.dataset_files import (
     STATISTICS,
-    TASKS,
     Dataset,
     FileNumber,
     check_same,
@@ -27,8 +26,9 @@ from pacnet.dataset_tables import episodes_table, json_bytes, tasks_table
 from pacnet.durable import written_through
 from pacnet.frame_files import FrameFiles
 from pacnet.journal import Journal, read_episode
+from pacnet.lerobot_files import INFO, TASKS, DatasetError
 from pacnet.recording import Recording
-from pacnet.staging import INFO, Stage, settle
+from pacnet.staging import Stage, settle
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -41,17 +41,31 @@ def fold(journal: Journal) -> int:
         How many episodes were folded.
 
     Raises:
-        DatasetError: The dataset cannot be read, or its files contradict one another.
+        DatasetError: The dataset or the journal cannot be read, or the dataset's files contradict
+            one another.
         ValueError: The dataset is of something else by now.
     """
     settle(journal.folder)
     episodes = journal.episodes()
     if episodes:
-        dataset = find_dataset(journal.root, read_episode(episodes[0])[0])
+        dataset = _dataset_of(journal, read_episode(episodes[0])[0])
         stage = Stage(journal.folder)
         _stage_files(journal.root, dataset, episodes, stage)
         stage.commit(episodes)
     return len(episodes)
+
+
+def _dataset_of(journal: Journal, recording: Recording) -> Dataset:
+    """The dataset that a journal's recording belongs to."""
+    try:
+        return find_dataset(journal.root, recording)
+    except DatasetError:
+        raise
+    except ValueError as error:
+        raise ValueError(
+            f"the journal in {journal.folder} was recorded into another dataset, {error}: move it "
+            "away, or bring that dataset back"
+        ) from None
 
 
 def find_dataset(root: Path, recording: Recording) -> Dataset:
@@ -73,7 +87,10 @@ def _stage_files(root: Path, dataset: Dataset, episodes: Sequence[Path], stage: 
     tasks = list(dataset.tasks)
     fresh, rows = _stage_frames(dataset, episodes, tasks, stage)
     frames = [*(root / dataset.frames_place(number) for number in dataset.frame_files), *fresh]
-    whole = {name: statistics(read_column(frames, name)) for name in dataset.info["features"]}
+    whole = {
+        name: statistics(read_column(frames, name, told["shape"][0]))
+        for name, told in dataset.info["features"].items()
+    }
     _stage_bytes(stage, STATISTICS, json_bytes(whole))
     _stage_table(stage, TASKS, tasks_table(tasks))
     _stage_table(stage, dataset.episodes_place(), episodes_table(rows, dataset.episodes_schema))
@@ -99,7 +116,7 @@ def _stage_frames(
                 tasks.append(task)
             table = _with_own_columns(info, table, start, number, tasks.index(task))
             place = files.add(table)
-            rows.append(_described(table, task) | _placed("data", place))
+            rows.append(_described(table, task, info["features"]) | _placed("data", place))
             rows[-1] |= _placed("meta/episodes", dataset.next_episodes)
             start += len(table)
     return files.paths, rows
@@ -122,7 +139,7 @@ def _with_own_columns(
     return table.select(list(info["features"]))
 
 
-def _described(table: "pa.Table", task: str) -> dict[str, Any]:
+def _described(table: "pa.Table", task: str, features: Mapping[str, Any]) -> dict[str, Any]:
     """An episode's row in `meta/episodes`, but for where its files are."""
     start = table["index"][0].as_py()
     row = {
@@ -132,8 +149,8 @@ def _described(table: "pa.Table", task: str) -> dict[str, Any]:
         "dataset_from_index": start,
         "dataset_to_index": start + len(table),
     }
-    for feature in table.column_names:
-        found = statistics(to_numpy(table[feature].chunks))
+    for feature, told in features.items():
+        found = statistics(to_numpy(table[feature], told["shape"][0]))
         row |= {f"stats/{feature}/{name}": value for name, value in found.items()}
     return row
 

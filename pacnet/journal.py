@@ -1,20 +1,24 @@
 """The journal of a recording: each finished episode in a file of its own, until all are folded.
 
 It lies in the dataset's folder, as `journal/`, and goes when the recording is closed. Who holds the
-lock in it records. Each episode's file says all that is needed to make a dataset of it.
+lock in it records. Each episode's file says all that is needed to make a dataset of it, and ends
+with its checksum.
 """
 
+import hashlib
 import json
+import os
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import IO, TYPE_CHECKING, Self
 
 from numpy.typing import NDArray
 
 from pacnet.arrow_columns import to_arrow
 from pacnet.durable import put_in_place
-from pacnet.lerobot_files import DatasetError
-from pacnet.lock import lock_file
+from pacnet.lerobot_files import INFO, DatasetError
+from pacnet.lock import delete_locked, lock_file
 from pacnet.recording import Feature, Recording
 from pacnet.staging import is_complete
 
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
 
 _FOLDER, _LOCK = "journal", "lock"
 _HEADER = b"pacnet"  # key of an episode's description in its file
+_CHECKSUM = 32  # bytes of it at the end of an episode's file
 
 
 class Journal:
@@ -38,15 +43,25 @@ class Journal:
 
         Raises:
             BlockingIOError: Somebody else records into the dataset.
+            FileExistsError: There is something at `root` that is no dataset.
         """
         self.root, self.folder = root, root / _FOLDER
+        self._process = os.getpid()
         self._made_root = not root.exists()
+        self._lock = _locked(root)
         try:
-            self._lock = lock_file(self.folder / _LOCK)
-        except BlockingIOError:
-            raise BlockingIOError(
-                f"expected to record into {root} alone, another recording into it goes on"
-            ) from None
+            last = self.episodes()[-1:]
+            if not last:
+                _check_free(root)
+        except BaseException:
+            self.close()
+            raise
+        self._next = int(last[0].stem.removeprefix("episode-")) + 1 if last else 0
+
+    @property
+    def is_forked(self) -> bool:
+        """Whether this process is a fork of the one whose journal it is."""
+        return os.getpid() != self._process
 
     def episodes(self) -> list[Path]:
         """The files of the episodes, in the order in which they were saved."""
@@ -60,19 +75,20 @@ class Journal:
             task: The task in words.
             columns: Feature name -> its values, [T, D] of the feature's dtype.
         """
-        last = self.episodes()[-1:]
-        number = int(last[0].stem.removeprefix("episode-")) + 1 if last else 0
         content = _episode_bytes(recording, task, columns)
-        put_in_place(self.folder / f"episode-{number:06d}.arrow", content)
+        put_in_place(self.folder / f"episode-{self._next:06d}.arrow", content)
+        self._next += 1
 
     def close(self) -> None:
-        """Release the lock; folders that hold nothing then go."""
-        (self.folder / _LOCK).unlink(missing_ok=True)
-        if not any(self.folder.iterdir()):
+        """Release the lock; folders that hold nothing then go. A fork leaves all as it is."""
+        if self.is_forked:
+            self._lock.close()
+            return
+        delete_locked(self.folder / _LOCK, self._lock)
+        with suppress(OSError):  # it holds episodes, or somebody else has opened it by now
             self.folder.rmdir()
-            if self._made_root and not any(self.root.iterdir()):
+            if self._made_root:
                 self.root.rmdir()
-        self._lock.close()
 
     def __enter__(self) -> Self:
         """The journal, which is open from its making on."""
@@ -84,10 +100,18 @@ class Journal:
 
 
 def read_episode(path: Path) -> tuple[Recording, str, "pa.Table"]:
-    """What an episode belongs to, its task, and its features, one row per frame."""
+    """What an episode belongs to, its task, and its features, one row per frame.
+
+    Raises:
+        DatasetError: The file is damaged.
+    """
     import pyarrow as pa
 
-    with pa.OSFile(str(path)) as file, pa.ipc.open_file(file) as reader:
+    content = memoryview(path.read_bytes())
+    stored, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
+    if hashlib.sha256(stored).digest() != checksum:
+        raise DatasetError(f"{path} is damaged: once it is moved away, the rest can be recovered")
+    with pa.ipc.open_stream(pa.py_buffer(stored)) as reader:
         table = reader.read_all()
     told = json.loads(table.schema.metadata[_HEADER])
     features = {name: Feature(tuple(names), dtype) for name, names, dtype in told["features"]}
@@ -116,7 +140,28 @@ def check_folded(root: str | Path) -> None:
 
 
 def _episodes(journal: Path) -> list[Path]:
-    return sorted(journal.glob("episode-*.arrow"))
+    return sorted(journal.glob("episode-*.arrow"), key=lambda path: path.name)
+
+
+def _locked(root: Path) -> IO[bytes]:
+    try:
+        return lock_file(root / _FOLDER / _LOCK)
+    except BlockingIOError:
+        raise BlockingIOError(
+            f"expected to record into {root} alone, another recording into it goes on"
+        ) from None
+    except (FileExistsError, NotADirectoryError):
+        raise _taken(root) from None
+
+
+def _check_free(root: Path) -> None:
+    """Refuse a folder of something else; one without files is left of a recording not begun."""
+    if not (root / INFO).exists() and {path.name for path in root.iterdir()} != {_FOLDER}:
+        raise _taken(root)
+
+
+def _taken(root: Path) -> FileExistsError:
+    return FileExistsError(f"expected a dataset or a folder to be made, {root} exists")
 
 
 def _episode_bytes(recording: Recording, task: str, columns: Mapping[str, NDArray]) -> bytes:
@@ -129,6 +174,7 @@ def _episode_bytes(recording: Recording, task: str, columns: Mapping[str, NDArra
         metadata={_HEADER: json.dumps(told).encode()},
     )
     sink = pa.BufferOutputStream()
-    with pa.ipc.new_file(sink, table.schema) as writer:
+    with pa.ipc.new_stream(sink, table.schema) as writer:
         writer.write_table(table)
-    return sink.getvalue().to_pybytes()
+    stored = sink.getvalue()
+    return b"".join((stored, hashlib.sha256(stored).digest()))

@@ -12,11 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+from pacnet.arrow_columns import to_numpy
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 FORMAT_VERSION = "v3.0"
+INFO = "meta/info.json"
+TASKS = "meta/tasks.parquet"
 PICTURES = ("image", "video")  # dtypes of features that are no numbers
 _INDEX_COLUMNS = ("index", "episode_index", "task_index")
 
@@ -26,8 +31,20 @@ class DatasetError(ValueError):
 
 
 def read_info(root: Path) -> dict[str, Any]:
-    """The content of `meta/info.json`, of the right version and with every entry used here."""
-    path = root / "meta" / "info.json"
+    """The content of `meta/info.json`, of the right version and with every entry used here.
+
+    Raises:
+        DatasetError: It is missing, damaged or of another version, or lacks an entry, or the
+            dataset has no frames.
+    """
+    info = read_description(root)
+    _check_counts(root / INFO, info, "total_frames", "total_episodes")
+    return info
+
+
+def read_description(root: Path) -> dict[str, Any]:
+    """The same of a dataset that may be without frames as yet."""
+    path = root / INFO
     if not root.is_dir():
         raise DatasetError(f"expected the folder of a LeRobot dataset, found no folder {root}")
     try:
@@ -39,19 +56,35 @@ def read_info(root: Path) -> dict[str, Any]:
     version = info.get("codebase_version") if isinstance(info, dict) else None
     if version != FORMAT_VERSION:
         raise DatasetError(f"{path}: expected codebase_version {FORMAT_VERSION}, found {version}")
-    _check_info(path, info)
+    if not isinstance(info.get("features"), dict):
+        raise DatasetError(f"{path}: expected the dataset's features, found {info.get('features')}")
+    _check_counts(path, info, "fps")
     return info
 
 
-def _check_info(path: Path, info: dict[str, Any]) -> None:
-    """Refuse an info.json without the entries that are used here."""
-    if not isinstance(info.get("features"), dict):
-        raise DatasetError(f"{path}: expected the dataset's features, found {info.get('features')}")
-    for name in ("fps", "total_frames", "total_episodes"):
+def _check_counts(path: Path, info: dict[str, Any], *names: str) -> None:
+    for name in names:
         count = info.get(name)
         number = 0 if isinstance(count, bool) or not isinstance(count, int | float) else count
         if not 0 < number < math.inf:
             raise DatasetError(f"{path}: expected {name} above 0 and finite, found {count!r}")
+
+
+def told_names(description: Mapping[str, Any]) -> list[str] | None:
+    """The names of a feature's dimensions, where `meta/info.json` has one for each.
+
+    Some robots' datasets keep them by kind of part, {"motors": ["shoulder", ...]}, and some
+    teleoperators' with their places, {"delta_x": 0, ...}.
+    """
+    names = description.get("names")
+    if isinstance(names, dict):
+        if all(isinstance(place, int) for place in names.values()):
+            names = sorted(names, key=names.__getitem__)
+        else:
+            names = next(iter(names.values()), None)
+    if not isinstance(names, list) or [len(names)] != description.get("shape"):
+        return None
+    return [str(name) for name in names]
 
 
 def read_frames(root: Path, dimensions: Mapping[str, int]) -> dict[str, np.ndarray]:
@@ -59,15 +92,29 @@ def read_frames(root: Path, dimensions: Mapping[str, int]) -> dict[str, np.ndarr
     paths = sorted((root / "data").glob("*/*.parquet"))
     if not paths:
         raise DatasetError(f"{root} has no data: expected data/chunk-*/file-*.parquet, found none")
-    files = [_read_data_file(path, dimensions) for path in paths]
+    wanted = {**dict.fromkeys(_INDEX_COLUMNS, 1), **dimensions}
+    files = [read_columns(path, wanted) for path in paths]
     frames = {name: np.concatenate([file[name] for file in files]) for name in files[0]}
-    order = np.argsort(frames["index"], kind="stable")
-    return {name: column[order] for name, column in frames.items()}
+    order = np.argsort(frames["index"][:, 0], kind="stable")
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused
+        return {
+            name: rows[order].astype(np.float32) if name in dimensions else rows[order, 0]
+            for name, rows in frames.items()
+        }
 
 
 def read_tasks(root: Path, task_indices: np.ndarray) -> list[str]:
-    """The tasks in words; what the column of the words is called depends on who wrote it."""
-    path = root / "meta" / "tasks.parquet"
+    """The tasks of these numbers, in words."""
+    tasks = read_all_tasks(root)
+    unknown = sorted(set(task_indices.tolist()) - set(tasks))
+    if unknown:
+        raise DatasetError(f"{root / TASKS}: expected the tasks {unknown}, found {sorted(tasks)}")
+    return [tasks[number] for number in task_indices.tolist()]
+
+
+def read_all_tasks(root: Path) -> dict[int, str]:
+    """Number of a task -> words; what their column is called depends on who wrote it."""
+    path = root / TASKS
     table = read_parquet(path)
     words = [name for name in table.column_names if name != "task_index"]
     if len(table.column_names) != 2 or len(words) != 1:
@@ -78,24 +125,24 @@ def read_tasks(root: Path, task_indices: np.ndarray) -> list[str]:
             raise DatasetError(
                 f"{path}: expected tasks as number, words, found {number!r}, {task!r}"
             )
-    tasks = dict(rows)
-    unknown = sorted(set(task_indices.tolist()) - set(tasks))
-    if unknown:
-        raise DatasetError(f"{path}: expected the tasks {unknown}, found {sorted(tasks)}")
-    return [tasks[number] for number in task_indices.tolist()]
+    return dict(rows)
 
 
-def _read_data_file(path: Path, dimensions: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """The index columns [N] and the features [N, D] of one data file."""
-    table = read_parquet(path, [*_INDEX_COLUMNS, *dimensions])
+def read_columns(path: Path, dimensions: Mapping[str, int]) -> dict[str, NDArray[np.generic]]:
+    """Columns of a Parquet file as vectors [N, D].
+
+    Args:
+        path: The file.
+        dimensions: Name of a column -> D.
+
+    Raises:
+        DatasetError: The file cannot be read, or holds something else.
+    """
+    table = read_parquet(path, [*dimensions])
     columns = {}
-    for name in table.column_names:
-        column = table[name].combine_chunks()
+    for name, dimension in dimensions.items():
         try:
-            if name in dimensions:
-                columns[name] = _to_matrix(column, dimensions[name])
-            else:
-                columns[name] = _to_numpy(column)
+            columns[name] = to_numpy(table[name], dimension)
         except ValueError as error:
             raise DatasetError(f"{path}: expected numbers in {name!r}, found {error}") from None
     return columns
@@ -115,40 +162,3 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> "pa.Table"
             return file.read(columns)
     except (OSError, pa.ArrowException) as error:
         raise DatasetError(f"{path} cannot be read: {error}") from error
-
-
-def _to_matrix(column: "pa.Array", dimension: int) -> np.ndarray:
-    """A column of vectors as float32 [N, D]; vectors of length 1 are stored as scalars."""
-    import pyarrow.compute as pc
-    import pyarrow.types
-
-    if dimension > 1 or pyarrow.types.is_nested(column.type):
-        if not _is_list(column.type):
-            raise ValueError(f"{column.type} in place of lists of {dimension}")
-        lengths = _to_numpy(pc.call_function("list_value_length", [column]))
-        if (lengths != dimension).any():
-            raise ValueError(
-                f"{lengths[lengths != dimension][0]} in a frame in place of {dimension}"
-            )
-        column = column.flatten()
-    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused
-        return _to_numpy(column).astype(np.float32).reshape(-1, dimension)
-
-
-def _is_list(kind: "pa.DataType") -> bool:
-    from pyarrow import types
-
-    return types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
-
-
-def _to_numpy(column: "pa.Array") -> np.ndarray:
-    """A column of numbers; by way of DLPack, as `to_numpy` imports pandas for 0.6 s."""
-    import pyarrow.types
-
-    if column.null_count:
-        raise ValueError(f"{column.null_count} gaps")
-    if pyarrow.types.is_boolean(column.type):
-        column = column.cast(pyarrow.uint8())
-    if not (pyarrow.types.is_integer(column.type) or pyarrow.types.is_floating(column.type)):
-        raise ValueError(f"values of type {column.type}")
-    return np.from_dlpack(column)

@@ -1,12 +1,17 @@
-"""A lock on a file that one process holds at a time, and that goes with the process.
+"""A lock on a file that one process holds at a time, and that goes with the process and its forks.
 
-The system releases it however the process ends, so a killed one bars nobody. On systems without
-`flock` (Windows) nothing is locked.
+The system releases it however they end, so a killed one bars nobody. On systems without `flock`
+(Windows) nothing is locked.
 """
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
+
+from pacnet.durable import make_folder
+
+_ATTEMPTS = 100  # at making a file whose folder others delete and make again
 
 
 def lock_file(path: Path) -> IO[bytes]:
@@ -18,11 +23,7 @@ def lock_file(path: Path) -> IO[bytes]:
         BlockingIOError: Another process, or another opening of the file, holds the lock.
     """
     while True:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            file = path.open("ab")
-        except FileNotFoundError:  # deleted with its folder just now
-            continue
+        file = _made(path)
         try:
             _lock(file)
             if _is_still(path, file):
@@ -31,6 +32,29 @@ def lock_file(path: Path) -> IO[bytes]:
             file.close()
             raise
         file.close()
+
+
+def delete_locked(path: Path, file: IO[bytes]) -> None:
+    """Delete a locked file and release the lock, in this order where the system can."""
+    if os.name == "nt":  # no open file can be deleted there
+        file.close()
+    try:
+        path.unlink(missing_ok=True)
+    finally:
+        file.close()
+
+
+def _made(path: Path) -> IO[bytes]:
+    """The file and its folder, which whoever held the lock may be deleting just now."""
+    for _ in range(_ATTEMPTS):
+        with suppress(FileNotFoundError, FileExistsError):
+            return _make(path)
+    return _make(path)
+
+
+def _make(path: Path) -> IO[bytes]:
+    make_folder(path.parent)
+    return path.open("ab")
 
 
 def _lock(file: IO[bytes]) -> None:

@@ -6,24 +6,25 @@ the process was killed before, by the next `Recorder` of the dataset or by `reco
 pyarrow alone.
 """
 
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Self
+from typing import Self, SupportsIndex
 
 from numpy.typing import ArrayLike
 
 from pacnet.folding import find_dataset, fold
 from pacnet.interrupts import interrupts_held_back
 from pacnet.journal import Journal, has_journal
-from pacnet.recording import Feature, Recording, checked_features, checked_frames
-from pacnet.staging import INFO
+from pacnet.recording import Feature, checked_frames, checked_recording, is_text
 
 
 class Recorder:
     """Records demonstrations, into a new dataset or at the end of one; a context manager.
 
     When the `with` block is left, normally, by an exception or by Ctrl-C, every episode saved so
-    far is in the dataset. Of a new dataset without any, nothing stays on disk.
+    far is in the dataset. Of a new dataset without any, nothing stays on disk. Leaving it reads all
+    frames of the dataset, also those recorded before: the cost of exact statistics.
 
     Annotations such as `novelty` and `winner` are features like others. LeRobot's policies learn
     from whatever is called `observation*` or `action*`, so these are not.
@@ -45,7 +46,7 @@ class Recorder:
     def __init__(
         self,
         root: str | Path,
-        fps: int,
+        fps: SupportsIndex,
         features: Mapping[str, Sequence[str] | Feature],
         robot_type: str | None = None,
     ) -> None:
@@ -60,13 +61,12 @@ class Recorder:
 
         Raises:
             ValueError: `fps` is not a positive integer, there is no feature, one is without
-                dimensions or has two of one name, or its name is one that LeRobot cannot store.
+                dimensions or has two of one name, or a name is one that LeRobot cannot store.
         """
-        if not isinstance(fps, int) or isinstance(fps, bool) or fps <= 0:
-            raise ValueError(f"expected fps as an integer above 0, got {fps!r}")
-        self._root = Path(root)
-        self._recording = Recording(fps, checked_features(features), robot_type)
+        self._root = Path(root).absolute()  # the working directory may change
+        self._recording = checked_recording(fps, features, robot_type)
         self._journal: Journal | None = None  # while the `with` block is open
+        self._turn = threading.Lock()  # of the threads that save
 
     def __enter__(self) -> Self:
         """Open the dataset, after recovering what a killed process recorded into it.
@@ -74,10 +74,13 @@ class Recorder:
         Raises:
             FileExistsError: There is something at `root` that is no dataset.
             BlockingIOError: Another recording into the dataset goes on.
-            DatasetError: The dataset cannot be read, or its files contradict one another.
+            DatasetError: The dataset or its journal cannot be read, or its files contradict one
+                another.
             ValueError: Its frames per second, features or robot are others.
+            RuntimeError: The `with` block is open already.
         """
-        _check_free(self._root)
+        if self._journal is not None:
+            raise RuntimeError("expected the recorder's `with` block to be entered once at a time")
         try:
             with interrupts_held_back():
                 self._journal = Journal(self._root)
@@ -89,16 +92,24 @@ class Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Fold the journal into the dataset, so that all saved episodes can be read."""
-        assert self._journal is not None
-        with interrupts_held_back():
+        """Fold the journal into the dataset, so that all saved episodes can be read.
+
+        A fork of the process that recorded leaves this to it.
+        """
+        journal = self._opened()
+        if journal.is_forked:
+            self._close()
+            return
+        with interrupts_held_back(), self._turn:
             try:
-                fold(self._journal)
+                fold(journal)
             finally:
                 self._close()
 
     def save_episode(self, task: str, frames: Mapping[str, ArrayLike]) -> None:
         """Append a whole episode, which no kill can take back; Ctrl-C waits until it is written.
+
+        Threads may save at the same time; they take turns.
 
         Args:
             task: The task in words.
@@ -109,15 +120,20 @@ class Recorder:
             ValueError: The task is empty, a feature is missing or unknown, or an array is of
                 another shape or dtype, empty, not finite in float32, or not as long as the others.
                 Nothing is written then.
-            RuntimeError: The `with` block is not open.
+            RuntimeError: The `with` block is not open, or was entered by another process.
         """
-        if self._journal is None:
-            raise RuntimeError("expected save_episode inside the recorder's `with` block")
-        if not isinstance(task, str) or not task.strip():
+        if self._opened().is_forked:
+            raise RuntimeError("expected save_episode in the process that entered the `with` block")
+        if not is_text(task) or not task.strip():
             raise ValueError(f"expected the task in words, got {task!r}")
         columns = checked_frames(self._recording.features, frames)
-        with interrupts_held_back():
-            self._journal.add(self._recording, task, columns)
+        with interrupts_held_back(), self._turn:
+            self._opened().add(self._recording, task, columns)
+
+    def _opened(self) -> Journal:
+        if self._journal is None:
+            raise RuntimeError("expected to be inside the recorder's `with` block")
+        return self._journal
 
     def _close(self) -> None:
         if self._journal is not None:
@@ -133,18 +149,13 @@ def recover(root: str | Path) -> int:
 
     Raises:
         BlockingIOError: The recording goes on.
-        DatasetError: The dataset cannot be read, or its files contradict one another.
+        FileExistsError: There is something at `root` that is no dataset.
+        DatasetError: The dataset or its journal cannot be read, or its files contradict one
+            another.
         ValueError: Somebody has made it a dataset of something else since.
     """
-    if not has_journal(Path(root)):
+    root = Path(root).absolute()
+    if not has_journal(root):
         return 0
-    with interrupts_held_back(), Journal(Path(root)) as journal:
+    with interrupts_held_back(), Journal(root) as journal:
         return fold(journal)
-
-
-def _check_free(root: Path) -> None:
-    """Refuse a folder of something else; an empty one is what is left of a recording not begun."""
-    if root.is_dir() and ((root / INFO).exists() or has_journal(root) or not any(root.iterdir())):
-        return
-    if root.exists():
-        raise FileExistsError(f"expected a dataset or a folder to be made, {root} exists")

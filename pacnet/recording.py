@@ -1,8 +1,9 @@
 """What all episodes of a recording have in common, and whether an episode fits."""
 
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, SupportsIndex, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,6 +44,36 @@ class Recording(NamedTuple):
     robot_type: str | None
 
 
+def checked_recording(
+    fps: SupportsIndex, features: Mapping[str, Sequence[str] | Feature], robot_type: str | None
+) -> Recording:
+    """What a recording is of, as it is stored.
+
+    Raises:
+        ValueError: `fps` is not a positive integer, the robot's type is no text, or as
+            `checked_features`.
+    """
+    rate = 0 if isinstance(fps, bool) else _whole(fps)
+    if rate <= 0:
+        raise ValueError(f"expected fps as an integer above 0, got {fps!r}")
+    if robot_type is not None and not is_text(robot_type):
+        raise ValueError(f"expected robot_type as text or None, got {robot_type!r}")
+    return Recording(rate, checked_features(features), robot_type)
+
+
+def is_text(words: object) -> TypeGuard[str]:
+    """Whether these are words that files in UTF-8 can hold: none has half of a surrogate pair."""
+    return isinstance(words, str) and not any("\ud800" <= letter <= "\udfff" for letter in words)
+
+
+def _whole(number: SupportsIndex) -> int:
+    """An integer of whatever kind, or 0."""
+    try:
+        return operator.index(number)
+    except TypeError:
+        return 0
+
+
 def checked_features(features: Mapping[str, Sequence[str] | Feature]) -> dict[str, Feature]:
     """The features by name, those given by the names of their dimensions alone as float32.
 
@@ -56,13 +87,17 @@ def checked_features(features: Mapping[str, Sequence[str] | Feature]) -> dict[st
 
 
 def _checked_feature(name: str, told: Sequence[str] | Feature) -> Feature:
-    if name in RESERVED or "/" in name:
+    if not is_text(name) or name in RESERVED or "/" in name:
         raise ValueError(
-            f"expected feature names without '/' and other than {', '.join(RESERVED)}, got {name!r}"
+            f"expected feature names as text without '/' and other than {', '.join(RESERVED)}, "
+            f"got {name!r}"
         )
     names, dtype = (told.names, told.dtype) if isinstance(told, Feature) else (told, "float32")
-    if isinstance(names, str) or not names or len(set(names)) != len(names):
-        raise ValueError(f"expected {name!r} to have distinct dimension names, got {names!r}")
+    listed = not isinstance(names, str) and all(map(is_text, names))
+    if not listed or not names or len(set(names)) != len(names):
+        raise ValueError(
+            f"expected {name!r} to have distinct dimension names as text, got {names!r}"
+        )
     if dtype not in _STORED:
         raise ValueError(f"expected {name!r} of dtype {', '.join(_STORED)}, got {dtype!r}")
     return Feature(tuple(names), dtype)

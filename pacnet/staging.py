@@ -12,10 +12,11 @@ import json
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from pacnet.durable import NEW, flush_folder, put_in_place
+from pacnet.lerobot_files import INFO, DatasetError
 
-INFO = "meta/info.json"
 _LIST = "fold.json"
 _STAGED = "fold"
 
@@ -62,9 +63,12 @@ def settle(journal: Path) -> None:
 
     Where somebody else has changed the dataset since, the commit is dropped: what it was made from
     is still in the journal.
+
+    Raises:
+        DatasetError: The list of what was committed is damaged.
     """
-    if (journal / _LIST).exists():
-        listed = json.loads((journal / _LIST).read_bytes())
+    listed = _listed(journal)
+    if listed is not None:
         root, staged = journal.parent, _staged_info(journal, listed["places"])
         if staged.exists() and _digest(root / INFO) == listed["info"]:
             _move(journal, listed["places"])
@@ -81,11 +85,21 @@ def settle(journal: Path) -> None:
 
 def is_complete(journal: Path) -> bool:
     """Whether all that was committed is in place, and only the journal is still to be cleared."""
+    listed = _listed(journal)
+    return listed is not None and not _staged_info(journal, listed["places"]).exists()
+
+
+def _listed(journal: Path) -> dict[str, Any] | None:
+    """What was committed, or None."""
+    path = journal / _LIST
     try:
-        listed = json.loads((journal / _LIST).read_bytes())
+        return json.loads(path.read_bytes())
     except FileNotFoundError:
-        return False
-    return not _staged_info(journal, listed["places"]).exists()
+        return None
+    except ValueError as error:
+        raise DatasetError(
+            f"{path} is damaged ({error}): without it, all that is in the journal is folded anew"
+        ) from None
 
 
 def _staged_info(journal: Path, places: Sequence[str]) -> Path:

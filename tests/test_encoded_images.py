@@ -72,6 +72,17 @@ def test_an_encoder_sees_every_image_in_its_place(root: Path):
     }
 
 
+def test_an_encoder_may_give_the_same_buffer_every_time(root: Path):
+    buffer = torch.zeros(1)
+
+    def count(_: Tensor) -> Tensor:
+        return buffer.add_(1)
+
+    demonstrations = load_demonstrations(root, encoders={TOP: count})
+    encoded = torch.cat([episode.encoded for episode in demonstrations])
+    assert encoded.flatten().tolist() == [1, 2, 3, 4, 5]
+
+
 def test_images_are_left_alone_where_nobody_asks_for_them(root: Path):
     demonstrations = load_demonstrations(root)
     assert set(demonstrations.names) == {"observation.state", "action"}

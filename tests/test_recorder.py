@@ -87,6 +87,13 @@ def test_fps_is_a_positive_integer(tmp_path: Path, fps: int):
         Recorder(tmp_path / "new", fps=fps, features=FEATURES)
 
 
+def test_fps_may_be_an_integer_of_numpy(tmp_path: Path):
+    with Recorder(tmp_path / "new", fps=np.int64(10), features=FEATURES) as recorder:
+        recorder.save_episode("task", episode(0))
+
+    assert load_demonstrations(tmp_path / "new").fps == 10
+
+
 @pytest.mark.parametrize(
     ("features", "message"),
     [
@@ -491,6 +498,22 @@ def test_statistics_do_not_cancel(tmp_path: Path):
     assert statistic(tmp_path, "std")[0] == pytest.approx(float(variance) ** 0.5, rel=1e-9)
     assert statistic(tmp_path, "std")[1] == 0
     assert statistic(tmp_path, "mean")[1] == np.float32(0.73)
+
+
+@pytest.mark.parametrize("held", [1, 80, 10**6])
+def test_statistics_of_many_dimensions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: int):
+    """However many of them are taken at once: one, two of 40 frames each, or all."""
+    monkeypatch.setattr("pacnet.dataset_statistics._HELD", held)
+    rows = np.random.default_rng(0).normal(size=(40, 5)).astype("f4") * np.arange(1, 6)
+    record_states(tmp_path, rows[:30], rows[30:])
+
+    stored = rows.astype("f4").astype("f8")
+    assert statistic(tmp_path, "std") == pytest.approx(stored.std(axis=0), rel=1e-12)
+    assert statistic(tmp_path, "max") == stored.max(axis=0).tolist()
+    # quantile 0.1 of 40 lies at 3.9 of the sorted
+    low, high = np.sort(stored, axis=0)[3:5]
+    assert statistic(tmp_path, "q10") == pytest.approx(low + 0.9 * (high - low), rel=1e-12)
+    assert statistic(tmp_path, "count") == [40]
 
 
 def test_each_episode_has_its_own_statistics(tmp_path: Path):
