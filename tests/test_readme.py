@@ -12,9 +12,14 @@ PROJECT = Path(__file__).parents[1]
 README = (PROJECT / "README.md").read_text()
 EXPERIMENTS = (PROJECT / "docs/experiments.md").read_text()
 BEHAVIOURS = (PROJECT / "docs/behaviours.md").read_text()
+LEROBOT = (PROJECT / "docs/lerobot.md").read_text()
 KEYS = ("wf", "tight", "energy")
 MODULES = sorted(
-    set(re.findall(r"python -m ((?:train|benchmarks)\.\w+)", README + EXPERIMENTS + BEHAVIOURS))
+    set(
+        re.findall(
+            r"python -m ((?:train|benchmarks)\.\w+)", README + EXPERIMENTS + BEHAVIOURS + LEROBOT
+        )
+    )
 )
 
 
