@@ -14,13 +14,8 @@ EXPERIMENTS = (PROJECT / "docs/experiments.md").read_text()
 BEHAVIOURS = (PROJECT / "docs/behaviours.md").read_text()
 LEROBOT = (PROJECT / "docs/lerobot.md").read_text()
 KEYS = ("wf", "tight", "energy")
-MODULES = sorted(
-    set(
-        re.findall(
-            r"python -m ((?:train|benchmarks)\.\w+)", README + EXPERIMENTS + BEHAVIOURS + LEROBOT
-        )
-    )
-)
+PAGES = README + EXPERIMENTS + BEHAVIOURS + LEROBOT
+MODULES = sorted(set(re.findall(r"python -m ((?:train|benchmarks)\.\w+)", PAGES)))
 
 
 def test_its_python_runs_as_it_stands(tmp_path: Path):
