@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import NOTHING, Contestant, Table, factor, number, race, run_alone
+from pacnet.datasets.lerobot_files import DatasetError
 from pacnet.demonstrations import load_demonstrations
-from pacnet.lerobot_files import DatasetError
 from pacnet.recorder import Recorder, recover
 
 EPISODES, LENGTH, DIMENSIONS, FPS = 30, 1000, 6, 50

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pacnet.datasets.lerobot_files import PICTURES, DatasetError, read_info
+from pacnet.datasets.recording import RESERVED, Feature, checked_features, checked_frames
 from pacnet.demonstrations import Demonstrations, load_demonstrations
-from pacnet.lerobot_files import PICTURES, DatasetError, read_info
 from pacnet.recorder import Recorder
-from pacnet.recording import RESERVED, Feature, checked_features, checked_frames
 
 _INTEGERS = 2**24  # from here on float32, as which features are read, does not hold all of them
 

@@ -11,9 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pacnet.encoded_images import Encoder, encode_images
-from pacnet.journal import check_folded
-from pacnet.lerobot_files import (
+from pacnet.datasets.encoded_images import Encoder, encode_images
+from pacnet.datasets.journal import check_folded
+from pacnet.datasets.lerobot_files import (
     PICTURES,
     DatasetError,
     read_frames,

@@ -1,9 +1,9 @@
 """Demonstrations recorded as a LeRobot dataset (format v3.0) that loses no finished episode.
 
-An episode goes to the journal in the dataset's folder (`pacnet.journal`) and is on the disk when
-`save_episode` returns. The journal is folded into the dataset when the recording is closed; where
-the process was killed before, by the next `Recorder` of the dataset or by `recover`. Writing needs
-pyarrow alone.
+An episode goes to the journal in the dataset's folder (`pacnet.datasets.journal`) and is on the
+disk when `save_episode` returns. The journal is folded into the dataset when the recording is
+closed; where the process was killed before, by the next `Recorder` of the dataset or by `recover`.
+Writing needs pyarrow alone.
 """
 
 import threading
@@ -13,10 +13,10 @@ from typing import Self, SupportsIndex
 
 from numpy.typing import ArrayLike
 
-from pacnet.folding import find_dataset, fold
+from pacnet.datasets.folding import find_dataset, fold
+from pacnet.datasets.journal import Journal, has_journal
+from pacnet.datasets.recording import Feature, checked_frames, checked_recording, is_text
 from pacnet.interrupts import interrupts_held_back
-from pacnet.journal import Journal, has_journal
-from pacnet.recording import Feature, checked_frames, checked_recording, is_text
 
 
 class Recorder:

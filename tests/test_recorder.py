@@ -17,13 +17,13 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.typing import NDArray
 
+from pacnet.datasets.folding import fold
+from pacnet.datasets.journal import Journal, check_folded
+from pacnet.datasets.lerobot_files import DatasetError
+from pacnet.datasets.recording import Feature
 from pacnet.demonstrations import load_demonstrations
 from pacnet.durable import put_in_place
-from pacnet.folding import fold
-from pacnet.journal import Journal, check_folded
-from pacnet.lerobot_files import DatasetError
 from pacnet.recorder import Recorder, recover
-from pacnet.recording import Feature
 
 FEATURES = {
     "observation.state": ("x", "y", "z"),
@@ -307,7 +307,7 @@ def test_an_interrupt_while_saving_waits_until_the_episode_is_written(
             signal.raise_signal(signal.SIGINT)
         put_in_place(path, content)
 
-    monkeypatch.setattr("pacnet.journal.put_in_place", interrupt_and_put)
+    monkeypatch.setattr("pacnet.datasets.journal.put_in_place", interrupt_and_put)
     with Recorder(tmp_path / "new", fps=10, features=FEATURES) as recorder:
         recorder.save_episode("task", episode(0))
         with pytest.raises(KeyboardInterrupt):
@@ -503,7 +503,7 @@ def test_statistics_do_not_cancel(tmp_path: Path):
 @pytest.mark.parametrize("held", [1, 80, 10**6])
 def test_statistics_of_many_dimensions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: int):
     """However many of them are taken at once: one, two of 40 frames each, or all."""
-    monkeypatch.setattr("pacnet.dataset_statistics._HELD", held)
+    monkeypatch.setattr("pacnet.datasets.statistics._HELD", held)
     rows = np.random.default_rng(0).normal(size=(40, 5)).astype("f4") * np.arange(1, 6)
     record_states(tmp_path, rows[:30], rows[30:])
 

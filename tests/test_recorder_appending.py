@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pacnet.datasets.lerobot_files import DatasetError
+from pacnet.datasets.recording import Feature
 from pacnet.demonstrations import load_demonstrations
-from pacnet.lerobot_files import DatasetError
 from pacnet.recorder import Recorder
-from pacnet.recording import Feature
 
 DATA = Path(__file__).parent / "data"
 FEATURES = {"observation.state": ("x", "y"), "action": ("delta_x", "delta_y", "gripper")}

@@ -22,11 +22,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pacnet.datasets.journal import check_folded
+from pacnet.datasets.lerobot_files import DatasetError
+from pacnet.datasets.recording import Feature
 from pacnet.demonstrations import load_demonstrations
-from pacnet.journal import check_folded
-from pacnet.lerobot_files import DatasetError
 from pacnet.recorder import Recorder, recover
-from pacnet.recording import Feature
 
 FEATURES = {
     "observation.state": ("x", "y"),

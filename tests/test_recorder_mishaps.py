@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pacnet.datasets.journal import Journal, check_folded
+from pacnet.datasets.lerobot_files import DatasetError
+from pacnet.datasets.lock import delete_locked, lock_file
+from pacnet.datasets.recording import Feature
 from pacnet.demonstrations import load_demonstrations
 from pacnet.durable import make_folder
-from pacnet.journal import Journal, check_folded
-from pacnet.lerobot_files import DatasetError
-from pacnet.lock import delete_locked, lock_file
 from pacnet.recorder import Recorder, recover
-from pacnet.recording import Feature
 
 FEATURES = {"observation.state": ("x", "y"), "action": ("push",)}
 HALF = "\ud800"  # of a surrogate pair, which UTF-8 does not have
@@ -94,7 +94,7 @@ def test_saving_does_not_look_through_what_is_saved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     with open_recorder(tmp_path / "new") as recorder, monkeypatch.context() as patched:
-        patched.setattr("pacnet.journal._episodes", None)
+        patched.setattr("pacnet.datasets.journal._episodes", None)
         for seed in range(3):
             recorder.save_episode("task", episode(seed))
 
@@ -276,7 +276,7 @@ def test_another_recording_may_begin_while_one_is_closed(
         if not other:
             other.append(Journal(tmp_path / "new"))
 
-    monkeypatch.setattr("pacnet.journal.delete_locked", delete_and_open)
+    monkeypatch.setattr("pacnet.datasets.journal.delete_locked", delete_and_open)
     record(tmp_path / "new", 0)
     with pytest.raises(BlockingIOError):
         recover(tmp_path / "new")
@@ -300,7 +300,7 @@ def test_another_recording_may_be_closed_while_one_begins(
             if error:
                 raise error
 
-    monkeypatch.setattr("pacnet.lock.make_folder", make_and_lose)
+    monkeypatch.setattr("pacnet.datasets.lock.make_folder", make_and_lose)
     record(tmp_path / "new", 0)
 
     assert_holds(tmp_path / "new", 0)

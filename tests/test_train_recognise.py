@@ -16,8 +16,8 @@ from torch import Tensor
 
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from pacnet.competing_schemas import CompetingSchemasConfig
+from pacnet.datasets.lerobot_files import read_info
 from pacnet.demonstrations import Demonstration
-from pacnet.lerobot_files import read_info
 from pacnet.recognition import Recognition
 from pacnet.recognition_figures import recognition_over_time
 from pacnet.recorder import Recorder

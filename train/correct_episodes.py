@@ -12,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 
 from envs.postural_imitation import PosturalImitationEnv, percept
+from pacnet.datasets.recording import Feature
 from pacnet.demonstrations import Demonstration
 from pacnet.imitator import Imitator
-from pacnet.recording import Feature
 from train.pool import share_out
 from train.postural_episodes import TASK, Condition, make_environment
 from train.postural_imitation import FEATURES, frames_of

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pacnet.lerobot_files import PICTURES, DatasetError
+from pacnet.datasets.lerobot_files import PICTURES, DatasetError
 
 Encoder = Callable[[Tensor], Tensor]
 """Makes a vector [F] of an image [channels, height, width], float32 from 0 to 1."""

@@ -5,9 +5,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Self
 
-from pacnet.dataset_files import Dataset, FileNumber
+from pacnet.datasets.files import Dataset, FileNumber
+from pacnet.datasets.staging import Stage
 from pacnet.durable import written_through
-from pacnet.staging import Stage
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.lerobot_files import (
+from pacnet.datasets.lerobot_files import (
     FORMAT_VERSION,
     INFO,
     TASKS,
@@ -21,7 +21,7 @@ from pacnet.lerobot_files import (
     read_description,
     told_names,
 )
-from pacnet.recording import RESERVED, Recording
+from pacnet.datasets.recording import RESERVED, Recording
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pacnet.arrow_columns import to_arrow, to_arrow_lists, to_arrow_words
+from pacnet.datasets.arrow_columns import to_arrow, to_arrow_lists, to_arrow_words
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pacnet.datasets.lerobot_files import INFO, DatasetError
 from pacnet.durable import NEW, flush_folder, put_in_place
-from pacnet.lerobot_files import INFO, DatasetError
 
 _LIST = "fold.json"
 _STAGED = "fold"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.arrow_columns import to_numpy
+from pacnet.datasets.arrow_columns import to_numpy
 
 if TYPE_CHECKING:
     import pyarrow as pa

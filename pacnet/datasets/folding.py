@@ -1,8 +1,8 @@
 """The journal of a recording becomes part of its dataset, or the dataset's beginning.
 
-All new files are staged and take their places together (`pacnet.staging`), in an order in which
-LeRobot reads the dataset as it was until `meta/episodes` and `meta/info.json` are the new ones. The
-statistics are those of all frames: each fold reads the old ones, and writes none of them.
+All new files are staged and take their places together (`pacnet.datasets.staging`), in an order in
+which LeRobot reads the dataset as it was until `meta/episodes` and `meta/info.json` are the new
+ones. The statistics are those of all frames: each fold reads the old ones, and writes none of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pacnet.arrow_columns import to_arrow, to_numpy
-from pacnet.dataset_files import (
+from pacnet.datasets.arrow_columns import to_arrow, to_numpy
+from pacnet.datasets.files import (
     STATISTICS,
     Dataset,
     FileNumber,
@@ -21,14 +21,14 @@ from pacnet.dataset_files import (
     read_column,
     read_dataset,
 )
-from pacnet.dataset_statistics import statistics
-from pacnet.dataset_tables import episodes_table, json_bytes, tasks_table
+from pacnet.datasets.frame_files import FrameFiles
+from pacnet.datasets.journal import Journal, read_episode
+from pacnet.datasets.lerobot_files import INFO, TASKS, DatasetError
+from pacnet.datasets.recording import Recording
+from pacnet.datasets.staging import Stage, settle
+from pacnet.datasets.statistics import statistics
+from pacnet.datasets.tables import episodes_table, json_bytes, tasks_table
 from pacnet.durable import written_through
-from pacnet.frame_files import FrameFiles
-from pacnet.journal import Journal, read_episode
-from pacnet.lerobot_files import INFO, TASKS, DatasetError
-from pacnet.recording import Recording
-from pacnet.staging import Stage, settle
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -15,12 +15,12 @@ from typing import IO, TYPE_CHECKING, Self
 
 from numpy.typing import NDArray
 
-from pacnet.arrow_columns import to_arrow
+from pacnet.datasets.arrow_columns import to_arrow
+from pacnet.datasets.lerobot_files import INFO, DatasetError
+from pacnet.datasets.lock import delete_locked, lock_file
+from pacnet.datasets.recording import Feature, Recording
+from pacnet.datasets.staging import is_complete
 from pacnet.durable import put_in_place
-from pacnet.lerobot_files import INFO, DatasetError
-from pacnet.lock import delete_locked, lock_file
-from pacnet.recording import Feature, Recording
-from pacnet.staging import is_complete
 
 if TYPE_CHECKING:
     import pyarrow as pa

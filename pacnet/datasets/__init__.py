@@ -1,0 +1,1 @@
+"""The files of LeRobot datasets and the journal of a recording, for reader and `Recorder`."""
