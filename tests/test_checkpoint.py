@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -146,11 +147,13 @@ def test_a_stop_after_each_step_of_writing_leaves_old_or_new(checkpoint, monkeyp
     class KilledError(Exception):
         pass
 
-    write, replace = module._write_through, module.Path.replace
+    write, replace = module.written_through, module.Path.replace
     done = []
 
-    def counted_write(path, content):
-        write(path, content)
+    @contextmanager
+    def counted_write(path):
+        with write(path) as file:
+            yield file
         done.append(path.name)
         if len(done) == calls.get(step):
             raise KilledError
@@ -160,7 +163,7 @@ def test_a_stop_after_each_step_of_writing_leaves_old_or_new(checkpoint, monkeyp
         if target.name.startswith(step):
             raise KilledError
 
-    monkeypatch.setattr(module, "_write_through", counted_write)
+    monkeypatch.setattr(module, "written_through", counted_write)
     monkeypatch.setattr(module.Path, "replace", counted_replace)
     with pytest.raises(KilledError):
         make_network(2.0, recall_by="order").save_pretrained(checkpoint)
@@ -264,14 +267,16 @@ def test_two_stops_in_a_row_do_not_mix_two_checkpoints(checkpoint, monkeypatch):
     class KilledError(Exception):
         pass
 
-    replace, write = Path.replace, module._write_through
+    replace, write = Path.replace, module.written_through
 
     def stop_after_tensors(source, target):
         replace(source, target)
         raise KilledError
 
-    def stop_after_first_write(path, content):
-        write(path, content)
+    @contextmanager
+    def stop_after_first_write(path):
+        with write(path) as file:
+            yield file
         raise KilledError
 
     with monkeypatch.context() as patch:
@@ -279,7 +284,7 @@ def test_two_stops_in_a_row_do_not_mix_two_checkpoints(checkpoint, monkeypatch):
         with pytest.raises(KilledError):
             make_network(2.0, recall_by="order").save_pretrained(checkpoint)
     with monkeypatch.context() as patch:
-        patch.setattr(module, "_write_through", stop_after_first_write)
+        patch.setattr(module, "written_through", stop_after_first_write)
         with pytest.raises(KilledError):
             make_network(3.0).save_pretrained(checkpoint)
     loaded = PACNet.from_pretrained(checkpoint)

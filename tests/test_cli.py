@@ -722,11 +722,11 @@ def test_ctrl_c_while_it_writes_waits_until_the_checkpoint_is_whole(
 ):
     code = f"""
 from pacnet import checkpoint
-write = checkpoint._write_through
-def interrupted(*arguments):
+write = checkpoint.written_through
+def interrupted(path):
     {INTERRUPT}
-    write(*arguments)
-checkpoint._write_through = interrupted
+    return write(path)
+checkpoint.written_through = interrupted
 """
     done = process("fit", dataset, "--out", tmp_path / "out", code=code)
     assert (done.returncode, done.stderr) == (130, "interrupted\n")

@@ -87,11 +87,11 @@ def _row(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
         behaviours[named] or "untitled",
         f"{float(recognition.probability[-1, named]):.1%}",
         f"{seen.watched.named_since / fps:.2f} s",
-        f"{float(recognition.is_novel.float().mean()):.1%}",
+        f"{float(recognition.is_novel.double().mean()):.1%}",
         f"{float(recognition.novelty[most]):.2f}",
         seen.dimension[most],
         f"{most / fps:.2f} s",
-        f"{float(seen.acts.float().mean()):.1%}",
+        f"{float(seen.acts.double().mean()):.1%}",
     )
 
 
