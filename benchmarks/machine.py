@@ -21,6 +21,7 @@ PACKAGES = (
     "faiss-cpu",
     "mujoco",
     "dm-control",
+    "lerobot",
 )
 
 
