@@ -354,13 +354,12 @@ def test_watch_needs_no_action_in_the_dataset(imitator: Path, tmp_path: Path):
 
 
 def test_watch_writes_a_rerun_recording(imitator: Path, other: Path, tmp_path: Path):
-    rerun = pytest.importorskip("rerun")
+    pytest.importorskip("rerun")
     assert run("watch", imitator, other, "--rerun", tmp_path / "seen.rrd") == 0
-    assert (tmp_path / "seen.rrd").stat().st_size > 1000
-    recording = rerun.dataframe.load_recording(tmp_path / "seen.rrd")
-    curves = {str(column.entity_path) for column in recording.schema().component_columns()}
-    assert {f"/episode_002/{name}" for name in ("novelty", "progress", "winner")} <= curves
-    assert "/episode_000/probability/drink" in curves
+    recorded = (tmp_path / "seen.rrd").read_bytes()
+    # Paths stand in it as they are; how one reads the rest is another in each version of Rerun.
+    for curve in ("novelty", "progress", "winner", "probability/drink", "probability/wave"):
+        assert all(f"/episode_{number:03}/{curve}".encode() in recorded for number in range(3))
 
 
 def test_watch_says_what_is_missing_for_rerun(
