@@ -129,25 +129,28 @@ class MotorSchemas(Sequences):
         check_rows("targets", target[None], self.config.target_dimensions, self.pool.live("target"))
         check_rows("cues", cue[None], self.config.percept_dimensions, self.pool.live("cue"))
         if self.training and habituated:
-            self._write(node, target[None], cue[None], episode)
+            nodes, counts = self.lengths.new_tensor([[node], [1]])
+            self._write(nodes, counts, target[None], cue[None], episode)
 
     @torch.no_grad()
     def write_samples(self, samples: Samples, episode: int) -> None:
         """`write` for samples that the map has taken in, checked; nothing in eval mode."""
         # Rule 1: not fully habituated, still settling. The schema is left as it is.
-        written = samples.habituated & self.training
-        for node in samples.node[written].unique().tolist():
-            here = written & (samples.node == node)
-            self._write(node, samples.target[here], samples.cue[here], episode)
+        written = (samples.habituated & self.training).nonzero().flatten()
+        written = written[samples.node[written].argsort(stable=True)]
+        nodes, counts = samples.node[written].unique_consecutive(return_counts=True)
+        self._write(nodes, counts, samples.target[written], samples.cue[written], episode)
 
-    def _write(self, node: int, targets: Tensor, cues: Tensor, episode: int) -> None:
-        """Rules 2 and 3 for rows `[K, A]` and `[K, D]` of one episode at a habituated node."""
+    def _write(
+        self, nodes: Tensor, counts: Tensor, targets: Tensor, cues: Tensor, episode: int
+    ) -> None:
+        """Rules 2 and 3 at habituated nodes `[N]`, for as many rows of one episode as they have."""
         # Rule 3: a new learning episode. The sequence is cleared, and starts with these targets.
-        if int(self.blocks.live("episode")[node]) != episode:
-            self.blocks.live("length")[node] = 0
-            self.blocks.live("episode")[node] = episode
+        cleared = nodes[self.blocks.live("episode")[nodes] != episode]
+        self.blocks.live("length")[cleared] = 0
+        self.blocks.live("episode")[cleared] = episode
         # Rule 2: the same learning episode. The targets are appended.
-        self._append(node, {"target": targets, "cue": cues})
+        self.append_each(nodes, counts, {"target": targets, "cue": cues})
 
     @torch.no_grad()
     def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:

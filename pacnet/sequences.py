@@ -134,17 +134,6 @@ class Sequences(nn.Module):
         start, length = int(self.blocks.live("start")[sequence]), int(self.lengths[sequence])
         return self.pool.live(column)[start : start + length]
 
-    def _append(self, sequence: int, rows: Mapping[str, Tensor]) -> None:
-        """Appends K rows, a tensor `[K, ...]` of each column."""
-        length, added = int(self.lengths[sequence]), len(next(iter(rows.values())))
-        if length + added > int(self.blocks.live("room")[sequence]):
-            number, wanted = self.lengths.new_tensor([[sequence], [length + added]])
-            self._make_room(number, wanted)
-        first = int(self.blocks.live("start")[sequence]) + length
-        for name, values in rows.items():
-            self.pool.live(name)[first : first + added] = values
-        self.lengths[sequence] += added
-
     def append_each(self, sequences: Tensor, counts: Tensor, rows: Mapping[str, Tensor]) -> None:
         """Appends rows to several sequences.
 
