@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 from pacnet.demonstrations import dimension_names
@@ -63,7 +64,7 @@ class ImitatorConfig:
         """Length S of the robot's state, the beginning of a percept."""
         return len(next(iter(self.percepts.values())))
 
-    @property
+    @cached_property  # asked for at every step of a control loop
     def percept_names(self) -> tuple[str, ...]:
         """Names of a percept's D dimensions."""
         return dimension_names(self.percepts)
