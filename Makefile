@@ -3,7 +3,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
-PYTEST := $(BIN)/python -m pytest
+# A file of tests to a process, a process to a core; each would take all cores for its tensors.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 8 \
+  --dist loadfile --no-loadscope-reorder
 # Installed without its requirements where pyproject.toml leaves it out (Python 3.13 and later).
 DM_CONTROL := $(shell sed -n 's/^ *"\(dm-control[^;]*\);.*/\1/p' pyproject.toml)
 

@@ -35,6 +35,8 @@ class Judgement(NamedTuple):
     """That dimension."""
     deviation: float
     """By how much this percept is more than what is known, there, scaled; less if negative."""
+    tolerated: float
+    """The deviation at which that dimension is new, scaled."""
 
 
 class Familiarity(nn.Module):
@@ -129,12 +131,13 @@ class Familiarity(nn.Module):
         if not np.isfinite(percept).all():
             raise ValueError(f"expected a finite percept, got {percept.tolist()}")
         if len(cues) == 0:
-            return Judgement(math.inf, 0, math.inf)
+            return Judgement(math.inf, 0, math.inf, float(self.tolerance[0]))
         residual = residual_of(percept, cues)
         self._deviation += RATE * (np.abs(residual) - self._deviation)
-        ratio = self._deviation / self.tolerance
-        dimension = int(ratio.argmax())
-        return Judgement(float(ratio[dimension]), dimension, float(residual[dimension]))
+        tolerance = self.tolerance
+        ratio = self._deviation / tolerance
+        most = int(ratio.argmax())
+        return Judgement(float(ratio[most]), most, float(residual[most]), float(tolerance[most]))
 
     def _note(self, largest: NDArray[np.float32]) -> None:
         """Takes in the largest deviations of one more episode `[D]`."""

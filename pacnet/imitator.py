@@ -201,7 +201,7 @@ class Imitator(nn.Module):
             judgement.novelty,
             self.percept_names[judgement.dimension],
             judgement.deviation / unit,
-            float(self.familiarity.tolerance[judgement.dimension]) / unit,
+            judgement.tolerated / unit,
             decision,
         )
 

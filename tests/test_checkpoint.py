@@ -5,10 +5,10 @@ import math
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
+from collections.abc import Sequence
 from contextlib import contextmanager
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
@@ -173,45 +173,46 @@ def test_a_stop_after_each_step_of_writing_leaves_old_or_new(checkpoint, monkeyp
     assert loaded.config.schemas.recall_by == ("order" if new else "cue")
 
 
-WRITER = """
-import sys, torch
-from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
+def write_for_ever(sources: Sequence[Path], folder: Path, ready: Connection) -> None:
+    """Write one network over the other, until killed."""
+    networks = [PACNet.from_pretrained(source) for source in sources]
+    networks[0].save_pretrained(folder)
+    ready.send(True)
+    while True:
+        for network in reversed(networks):
+            network.save_pretrained(folder)
 
-# Two networks whose configs differ too, large enough that writing takes a while.
-networks = []
-for number, recall_by in enumerate(("cue", "order"), start=1):
-    schemas = MotorSchemasConfig(1, 2, recall_by=recall_by)
-    network = PACNet(PACNetConfig(SOFMConfig.paper(2), schemas))
-    network.observe(torch.full((30, 2), float(number)), torch.full((30, 1), float(number)), 0)
+
+def make_large_network(value: float, recall_by: str) -> PACNet:
+    """Writing it takes a while."""
+    network = make_network(value, recall_by)
     network.schemas.pool.extend(200_000)
     for name in ("target", "cue"):
-        network.schemas.pool.live(name)[:] = float(number)
+        network.schemas.pool.live(name)[:] = value
     network.schemas.blocks.live("start")[0] = 0
     for name in ("length", "room"):
         network.schemas.blocks.live(name)[0] = len(network.schemas.pool)
-    networks.append(network)
-networks[0].save_pretrained(sys.argv[1])
-print("ready", flush=True)
-while True:
-    for network in reversed(networks):
-        network.save_pretrained(sys.argv[1])
-"""
+    return network
 
 
 @pytest.mark.slow
-def test_sigkill_at_random_instants_leaves_the_old_or_the_new_checkpoint(tmp_path):
+def test_sigkill_at_random_instants_leaves_the_old_or_the_new_checkpoint(forks, tmp_path):
+    sources = [tmp_path / "old", tmp_path / "new"]
+    for value, source, recall_by in zip((1.0, 2.0), sources, ("cue", "order"), strict=True):
+        make_large_network(value, recall_by).save_pretrained(source)
     rng = random.Random(0)
     seen = set()
     folder = tmp_path / "net"  # one for all, so that each writer starts on what the last one left
     for _ in range(50):
-        writer = subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(folder)], stdout=subprocess.PIPE, text=True
-        )
-        with writer:
-            assert writer.stdout is not None
-            assert writer.stdout.readline() == "ready\n"
-            time.sleep(rng.uniform(0, 0.1))
-            os.kill(writer.pid, signal.SIGKILL)
+        pipe, ready = forks.Pipe(duplex=False)
+        writer = forks.Process(target=write_for_ever, args=(sources, folder, ready))
+        writer.start()
+        ready.close()  # so that a writer that fails is an error here, and not waited for
+        assert pipe.recv()
+        time.sleep(rng.uniform(0, 0.1))
+        writer.kill()
+        writer.join()
+        assert writer.exitcode == -signal.SIGKILL
         network = PACNet.from_pretrained(folder)
         number = network.sofm.prototypes[0, 0].item()
         assert network.config.schemas.recall_by == {1.0: "cue", 2.0: "order"}[number]

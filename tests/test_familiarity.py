@@ -52,8 +52,8 @@ def test_a_judgement_worked_out_by_hand():
     cues = rows([0, 0], [10, 10])
     # The second cue is nearer, (1, −4) away; a tenth of that is followed, then 0.19 of it.
     first, second = judge_all(familiarity, rows([11, 6], [11, 6]), cues)
-    assert first == pytest.approx((0.4 / 8, 1, -4))
-    assert second == pytest.approx((0.76 / 8, 1, -4))
+    assert first == pytest.approx((0.4 / 8, 1, -4, 8))
+    assert second == pytest.approx((0.76 / 8, 1, -4, 8))
 
 
 def test_a_lesson_worked_out_by_hand():

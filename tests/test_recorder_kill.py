@@ -6,7 +6,6 @@ milliseconds.
 
 import itertools
 import json
-import multiprocessing
 import os
 import shutil
 import signal
@@ -143,15 +142,6 @@ def die_at(step: int, root: Path, act: Callable[..., None], *arguments: object) 
     os.fsync = flush
     sys.addaudithook(count)
     act(root, *arguments)
-
-
-@pytest.fixture(scope="module")
-def forks() -> ForkServerContext:
-    context = multiprocessing.get_context("forkserver")
-    # What this module imports; Python 3.11 cannot find the module itself here.
-    modules = ["pytest", "pyarrow.parquet", "pacnet.demonstrations", "pacnet.recorder"]
-    context.set_forkserver_preload(modules)
-    return context
 
 
 def last_of(pipe: Connection, otherwise: int) -> int:

@@ -1,6 +1,5 @@
 """Claims about recording while threads, forks, other processes, the disk or the user interfere."""
 
-import multiprocessing
 import os
 import shutil
 import threading
@@ -52,14 +51,6 @@ def assert_holds(root: Path, *seeds: int, length: int = 5) -> None:
 @pytest.fixture(autouse=True)
 def without_waiting_for_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.fsync", lambda _: None)
-
-
-@pytest.fixture(scope="module")
-def forks() -> ForkServerContext:
-    context = multiprocessing.get_context("forkserver")
-    modules = ["pytest", "pyarrow.parquet", "pacnet.demonstrations", "pacnet.recorder"]
-    context.set_forkserver_preload(modules)
-    return context
 
 
 def run(forks: ForkServerContext, act: Callable[..., None], *arguments: object) -> None:

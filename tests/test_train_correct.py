@@ -237,15 +237,14 @@ def test_a_missing_checkpoint_is_one_line(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_new_places_are_told_and_corrected_and_known_ones_do_not_suffer(tmp_path, seed):
-    record(tmp_path / "dataset", seed, 8)
+def test_new_places_are_told_and_corrected_and_known_ones_do_not_suffer(tmp_path):
+    record(tmp_path / "dataset", 0, 8)
     demonstrations = load_demonstrations(tmp_path / "dataset")
     imitator = Imitator.untaught(demonstrations)
     imitator.learn(demonstrations)
     imitator.save_pretrained(tmp_path / "checkpoint")
     command = [sys.executable, "-m", "train.correct", tmp_path / "checkpoint"]
-    command += ["--dataset", tmp_path / "dataset", "--seed", str(seed), "--runs", tmp_path / "runs"]
+    command += ["--dataset", tmp_path / "dataset", "--seed", "0", "--runs", tmp_path / "runs"]
     done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     (folder,) = (tmp_path / "runs" / "correct").iterdir()
