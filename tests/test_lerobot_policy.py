@@ -399,6 +399,33 @@ def test_a_robot_holds_still_before_its_first_action():
     assert torch.equal(policy.select_action(percept(FAR)), FAR)
 
 
+def test_a_robot_with_wheels_stops_where_all_is_new():
+    names = {**NAMES, ACTION: ("arm.pos", "wheel.vel")}
+    policy = taught(waves(0, names=names))
+    shown = waves(0).episodes[0]
+    assert float(policy.select_action(percept(FAR))[0, 1]) == 0  # before its first action, too
+    policy.reset()
+    for row in shown.percepts[:60]:
+        last = policy.select_action({STATE: row[None, :2], GLASS: row[None, 2:]})[0]
+    assert float(last[1]) != 0
+    policy.select_action(percept(FAR))
+    while not policy.last_steps[0].is_novel:
+        policy.select_action(percept(FAR))
+    assert policy.select_action(percept(FAR))[0].tolist() == [float(last[0]), 0]
+
+
+def test_a_robot_with_wheels_goes_on_where_it_knows_of_no_action(monkeypatch: pytest.MonkeyPatch):
+    policy = taught(waves(0, names={**NAMES, ACTION: ("arm.pos", "wheel.vel")}))
+    shown = waves(0).episodes[0]
+    for row in shown.percepts[:60]:
+        last = policy.select_action({STATE: row[None, :2], GLASS: row[None, 2:]})
+    step = Imitator.step
+    monkeypatch.setattr(Imitator, "step", lambda *rest: step(*rest)._replace(action=None))
+    row = shown.percepts[60]
+    assert torch.equal(policy.select_action({STATE: row[None, :2], GLASS: row[None, 2:]}), last)
+    assert not policy.last_steps[0].is_novel
+
+
 def test_it_asks_where_all_is_new(policy: PACNetPolicy):
     policy = copy.deepcopy(policy)
     policy.reset()

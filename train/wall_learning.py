@@ -32,7 +32,7 @@ from train.learning_log import LearningLog
 from train.wall_episodes import TAUGHT_SIDES, Transitions, follow, following_seeds, shares, wander
 
 FPS = round(1 / CONTROL_TIMESTEP)  # [1/s]
-WHEEL_NAMES = ("left_wheel", "right_wheel")
+WHEEL_NAMES = ("left_wheel.vel", "right_wheel.vel")  # as LeRobot names speeds
 FEATURES = {"observation.state": INFRARED_NAMES, "action": WHEEL_NAMES}
 ROBOT = "khepera"
 

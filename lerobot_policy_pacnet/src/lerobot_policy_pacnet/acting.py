@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from pacnet.imitator import Imitator, ImitatorStep
 
+SPEED = ".vel"  # how the names of speeds end among the actions of LeRobot's robots
+
 Ask = Callable[[ImitatorStep, NDArray[np.float32]], NDArray[np.float32] | None]
 
 
@@ -17,7 +19,8 @@ class Actor:
     """One robot of a batch: where it is in its recall episode, and its last action.
 
     Where something is new and nobody answers, it holds until the episode ends: halfway through a
-    task may look known again, but what came before it was not done.
+    task may look known again, but what came before it was not done. To hold is to repeat the last
+    action, but for speeds, which are 0 then: a base that repeated them would drive on.
 
     Args:
         imitator: a taught one; the actor keeps a copy, whose recall episode is its own.
@@ -25,6 +28,7 @@ class Actor:
 
     def __init__(self, imitator: Imitator) -> None:
         self.imitator = copy.deepcopy(imitator)
+        self._is_speed = np.array([name.endswith(SPEED) for name in imitator.config.action])
         self.reset()
 
     def reset(self) -> None:
@@ -54,11 +58,13 @@ class Actor:
             action = self._checked(ask(step, percept))
         if action is None:
             self._holds |= step.is_novel
-            action = self._hold(percept)
+            action = self._last_or_first(percept)
+            if self._holds:
+                action = np.where(self._is_speed, np.float32(0), action)
         self._last = action
         return action, step
 
-    def _hold(self, percept: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _last_or_first(self, percept: NDArray[np.float32]) -> NDArray[np.float32]:
         """The last action; before any, the robot's own state if that is one, else the usual one."""
         if self._last is not None:
             return self._last
