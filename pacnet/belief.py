@@ -103,13 +103,17 @@ class Belief:
     Args:
         timeline: of the known episodes.
         config: see `RecognitionConfig`.
+
+    Attributes:
+        probability: of every place of every known episode, `[E, P]`.
+        has_begun: whether a percept was taken in.
     """
 
     def __init__(self, timeline: Timeline, config: RecognitionConfig) -> None:
         self.timeline = timeline
         self.config = config
-        self.probability = timeline.start  # [E, P]
-        self._begun = False
+        self.probability = timeline.start
+        self.has_begun = False
         self._ahead: Tensor | None = None
         self._restart = config.restart * timeline.start
         self._chances = timeline.advance.flip(1)[:, None].contiguous()  # [E, 1, K]
@@ -117,13 +121,7 @@ class Belief:
     def ahead(self) -> Tensor:
         """The belief one sample on, before anything new is seen, `[E, P]`."""
         if self._ahead is None:
-            places, steps = self.probability.shape[1], self._chances.shape[2] - 1
-            beyond = torch.nn.functional.pad(self.probability, (steps, steps))
-            # Every place's share of those up to `steps` before it: a convolution in each episode.
-            before = beyond.unfold(1, places + steps, 1).contiguous()  # [E, K, P + steps]
-            ahead = torch.bmm(self._chances, before)[:, 0]
-            ahead[:, places - 1] = ahead[:, places - 1 :].sum(dim=1)  # at its end an episode stays
-            self._ahead = ahead[:, :places] / ahead[:, :places].sum()
+            self._ahead = self._move_on()
         return self._ahead
 
     def update(self, distances: Tensor) -> None:
@@ -133,13 +131,25 @@ class Belief:
             distances: of the percept from the cue of every row of the pool, `[R]`.
         """
         expected = self.timeline.start
-        if self._begun:
+        if self.has_begun:
             expected = self._restart + (1 - self.config.restart) * self.ahead()
         apart = distances.take(self.timeline.rows).double()  # [E, P]; not of all R rows
         fit = apart.div_(self.config.width).square_().div_(-2).exp_()
         weighed = fit.add_(self.config.mismatch).mul_(expected)
-        self.probability = weighed.div_(weighed.sum())  # [E, P]
-        self._begun, self._ahead = True, None
+        self._begin(weighed.div_(weighed.sum()))
+
+    def _begin(self, probability: Tensor) -> None:
+        """Or goes on: what is believed `[E, P]` now that a percept was taken in."""
+        self.probability, self.has_begun, self._ahead = probability, True, None
+
+    def _move_on(self) -> Tensor:
+        places, steps = self.probability.shape[1], self._chances.shape[2] - 1
+        beyond = torch.nn.functional.pad(self.probability, (steps, steps))
+        # Every place's share of those up to `steps` before it: a convolution in each episode.
+        before = beyond.unfold(1, places + steps, 1).contiguous()  # [E, K, P + steps]
+        ahead = torch.bmm(self._chances, before)[:, 0]
+        ahead[:, places - 1] = ahead[:, places - 1 :].sum(dim=1)  # at its end an episode stays
+        return ahead[:, :places] / ahead[:, :places].sum()
 
     def of_episodes(self) -> Tensor:
         """The probability of each known episode, `[E]`."""

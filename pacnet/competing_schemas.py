@@ -10,19 +10,28 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention import NOBODY
-from pacnet.belief import Belief, Timeline
+from pacnet.belief import Timeline
+from pacnet.competing_recall import CompetingRecall
 from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.competition import Competition, CompetitionConfig
-from pacnet.explanation import Origin, Rival, origins_of, rivals_of
-from pacnet.node_schemas import NodeSchemas
+from pacnet.engine import Engine, check_engine, runs_compiled
+from pacnet.explanation import Origin, Rival, origins_of
 from pacnet.passes import take_in
 from pacnet.retraining import settle
 from pacnet.rows import Column, GrowableRows
-from pacnet.sequences import NUMBER, RecalledTarget, Samples, Sequences, close_gaps
+from pacnet.sequences import (
+    NUMBER,
+    RecalledRow,
+    RecalledTarget,
+    Samples,
+    Sequences,
+    close_gaps,
+)
 from pacnet.timeline import lay_out
 from pacnet.validation import check_rows
 
@@ -46,11 +55,15 @@ class CompetingSchemas(Sequences):
 
     Args:
         config: see `CompetingSchemasConfig`.
+        engine: as of `HabituatingSOFM`; what is compiled is recall.
+
+    Raises:
+        ValueError: no such engine. With `compiled`, recall raises it where it cannot run.
     """
 
     nodes: Tensor
 
-    def __init__(self, config: CompetingSchemasConfig) -> None:
+    def __init__(self, config: CompetingSchemasConfig, engine: Engine = "auto") -> None:
         cue = Column((config.percept_dimensions,), torch.float32)
         number = Column((), torch.float32)
         super().__init__(
@@ -65,7 +78,9 @@ class CompetingSchemas(Sequences):
             },
             of_row={"frame": NUMBER},  # sample of its episode
         )
+        check_engine(engine)
         self.config = config
+        self.engine: Engine = engine
         self.episodes = GrowableRows(
             {"number": NUMBER, "behaviour": NUMBER, "samples": NUMBER, "last_cue": cue}
         )
@@ -101,14 +116,13 @@ class CompetingSchemas(Sequences):
 
     def reset(self) -> None:
         """Starts a recall episode: what was seen in the last one is forgotten."""
-        self._belief: Belief | None = None
-        self._incumbent = NOBODY
+        if self._recall is not None:
+            self._recall.reset()
 
     def _changed(self) -> None:
         """After a change of what is remembered: a recall in progress starts afresh."""
         self._timeline: Timeline | None = None
-        self._at_nodes: dict[int, NodeSchemas | None] = {}  # at those that have won since
-        self.reset()
+        self._recall: CompetingRecall | None = None
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> CompetingSchemas:
         super()._apply(fn, recurse)
@@ -230,9 +244,20 @@ class CompetingSchemas(Sequences):
             self._timeline = lay_out(self, self.config.recognition.places)
         return self._timeline
 
-    def distances(self, percept: Tensor) -> Tensor:
-        """Of a percept, scaled, `[D]`, from every cue of the pool, `[R]`."""
-        return torch.linalg.vector_norm(self.pool.live("cue") - percept, dim=1)
+    def new_recall(self) -> CompetingRecall | None:
+        """A recall episode beside the one of `recall`; None if there are no schemas.
+
+        Raises:
+            ValueError: `engine="compiled"`, and it cannot run.
+        """
+        timeline = self.timeline()
+        if timeline is None:
+            return None
+        if not runs_compiled(self.engine, self.pool.get_buffer("cue")):
+            return CompetingRecall(self, timeline)
+        from pacnet.compiled_recall import CompiledRecall
+
+        return CompiledRecall(self, timeline)
 
     @torch.no_grad()
     def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
@@ -247,20 +272,13 @@ class CompetingSchemas(Sequences):
         Returns:
             The target, with its place in its schema; None if there is none.
         """
-        timeline = self.timeline()
-        if timeline is None:
-            return None
-        distances = self.distances(percept)
-        if self._belief is None:
-            self._belief = Belief(timeline, self.config.recognition)
-        self._belief.update(distances)
-        here = self._at_node(node, timeline)
-        if here is None:
-            return None
-        confidences = here.confidences(distances, self._belief.probability)
-        place = self.competition.winner(confidences, here.place_of(self._incumbent))
-        self._incumbent = NOBODY if place == NOBODY else here.numbers[place]
-        return None if place == NOBODY else self._target(here, place, distances)
+        recall = self._recall_in_progress()
+        return None if recall is None else recall.recall(node, percept)
+
+    def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
+        """`recall` for a scaled percept `[D]` that is no tensor."""
+        recall = self._recall_in_progress()
+        return None if recall is None else recall.recall_row(node, percept)
 
     @torch.no_grad()
     def rivals(self, node: int, percept: Tensor) -> list[Rival]:
@@ -276,13 +294,9 @@ class CompetingSchemas(Sequences):
         Raises:
             ValueError: nothing was recalled since `reset`.
         """
-        timeline = self.timeline()
-        if self._belief is None or timeline is None:
+        if self._recall is None or not self._recall.belief.has_begun:
             raise ValueError("expected a percept that was recalled, got none since reset")
-        here = self._at_node(node, timeline)
-        if here is None:
-            return []
-        return rivals_of(self, here, self.distances(percept), self._belief.probability)
+        return self._recall.rivals(node, percept)
 
     def origins(self, schema: int, position: int) -> list[Origin]:
         """The moments of demonstrations that a recalled target stands for.
@@ -305,19 +319,10 @@ class CompetingSchemas(Sequences):
         """The samples of their episode at which a schema's targets were shown, int64 `[L]`."""
         return self._rows("frame", schema)
 
-    def _at_node(self, node: int, timeline: Timeline) -> NodeSchemas | None:
-        """The schemas of a node, laid out when it first wins; None if it has none."""
-        if node not in self._at_nodes:
-            numbers = self.schemas_of(node)
-            laid_out = NodeSchemas(self, numbers, timeline) if len(numbers) else None
-            self._at_nodes[node] = laid_out
-        return self._at_nodes[node]
-
-    def _target(self, here: NodeSchemas, place: int, distances: Tensor) -> RecalledTarget:
-        rows = here.rows_of(place)
-        nearest = distances[rows].argsort(stable=True)[: self.config.nearest_cues]
-        target = self.pool.get_buffer("target")[rows.start + nearest].mean(dim=0)
-        return RecalledTarget(target, int(nearest[0]), here.numbers[place])
+    def _recall_in_progress(self) -> CompetingRecall | None:
+        if self._recall is None:
+            self._recall = self.new_recall()
+        return self._recall
 
 
 def _start_afresh(schemas: nn.Module, _incompatible_keys: object) -> None:

@@ -8,8 +8,11 @@ equal schemas from taking turns.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.attention import NOBODY
@@ -90,23 +93,25 @@ class Competition(nn.Module):
             _check_incumbents(incumbents, confidences)
         return self._winners(confidences, incumbents)
 
-    def winner(self, confidences: Tensor, incumbent: int = NOBODY) -> int:
+    def winner(self, confidences: NDArray[np.floating[Any]], incumbent: int = NOBODY) -> int:
         """One competition, for a control loop: nothing is checked.
 
         Args:
-            confidences: `[S]`, finite; S ≥ 1.
+            confidences: an array `[S]`, finite; S ≥ 1.
             incumbent: who won before.
 
         Returns:
             The winner, or `NOBODY`.
         """
+        number = confidences.dtype.type  # rounded as torch rounds a number beside a tensor
+        threshold, margin = number(self.config.threshold), number(self.config.margin)
         winner = int(confidences.argmax())
         highest = confidences[winner]
-        if self.config.margin > 0 and incumbent not in (NOBODY, winner):
+        if margin > 0 and incumbent not in (NOBODY, winner):
             own = confidences[incumbent]
-            if own >= self.config.threshold and highest <= own + self.config.margin:
+            if own >= threshold and highest <= own + margin:
                 return incumbent
-        return winner if highest >= self.config.threshold else NOBODY
+        return winner if highest >= threshold else NOBODY
 
     @torch.no_grad()
     def over_time(self, confidences: Tensor, incumbent: int = NOBODY) -> Tensor:

@@ -80,7 +80,7 @@ class Familiarity(nn.Module):
     @property
     def tolerance(self) -> NDArray[np.float32]:
         """The deviation at which a dimension is new, scaled `[D]`."""
-        return (MARGIN * self.usual).numpy(force=True)
+        return np.float32(MARGIN) * self.usual.numpy(force=True)
 
     def reset(self) -> None:
         """Starts a new recall episode: percepts judged before are forgotten."""
@@ -165,8 +165,9 @@ class Familiarity(nn.Module):
 
 def residual_of(percept: NDArray[np.float32], cues: NDArray[np.float32]) -> NDArray[np.float32]:
     """The difference `[D]` of a percept `[D]` from the nearest of the cues `[R ≥ 1, D]`."""
-    apart = percept - cues
-    return apart[np.einsum("rd,rd->r", apart, apart).argmin()]
+    from pacnet.compiled_recall import distances_of  # which brings numba
+
+    return percept - cues[distances_of(percept, cues).argmin()]
 
 
 def _movement(percepts: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -98,7 +98,7 @@ class PACNet(nn.Module):
         forward_model: turns targets into actions: a `PIDController`, an `MLPForwardModel`, a
             `TransitionMatrix`, or anything else that is a `ForwardModel`. It belongs to the body
             and not to what was watched, so checkpoints of the network leave it out.
-        engine: as of `HabituatingSOFM`, for the map and for motor schemas, one a node.
+        engine: as of `HabituatingSOFM`, for the map and for the motor schemas.
 
     Raises:
         ValueError: a forward model that is none, or no such engine.
@@ -460,7 +460,7 @@ def _make_schemas(
     config: MotorSchemasConfig | CompetingSchemasConfig, engine: Engine
 ) -> MotorSchemas | CompetingSchemas:
     if isinstance(config, CompetingSchemasConfig):
-        return CompetingSchemas(config)
+        return CompetingSchemas(config, engine)
     return MotorSchemas(config, engine)
 
 

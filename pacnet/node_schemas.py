@@ -38,9 +38,8 @@ class NodeSchemas:
         self._rows = starts[:, None] + torch.minimum(place, lengths[:, None] - 1)  # [K, longest]
         through = schemas.passes.live("schema")[:, None] == numbers  # [passes, K]
         passes, self._through = through.nonzero().unbind(dim=1)
-        first, last = _places(schemas, passes, timeline)
-        self._last, self._before = last, (first - 1).clamp(min=0)
-        self._has_before = (first % timeline.rows.shape[1] > 0).double()
+        self._first, self._last = _places(schemas, passes, timeline)
+        self._has_before = (self._first % timeline.rows.shape[1] > 0).double()
 
     def place_of(self, schema: int) -> int:
         """The place of a schema among the node's own; `NOBODY` where it is none of them."""
@@ -70,7 +69,8 @@ class NodeSchemas:
             probability: of every place of every known episode, `[E, P]`.
         """
         until = probability.cumsum(dim=1)
-        within = until.take(self._last) - until.take(self._before) * self._has_before
+        before = until.take((self._first - 1).clamp_(min=0)) * self._has_before
+        within = until.take(self._last) - before
         return within.new_zeros(len(self.numbers)).index_add_(0, self._through, within)
 
 

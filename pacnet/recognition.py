@@ -12,7 +12,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from pacnet.belief import Belief
 from pacnet.competing_schemas import CompetingSchemas
 
 _BIAS_RATE = 0.2  # per sample, at which the difference from the known episodes is followed
@@ -58,16 +57,15 @@ class Watcher:
     """
 
     def __init__(self, schemas: CompetingSchemas) -> None:
-        timeline = schemas.timeline()
-        if timeline is None:
+        recall = schemas.new_recall()
+        if recall is None:
             raise ValueError(
                 "expected a network that has learned schemas, got one without any: no node has "
                 "habituated and kept targets; show it more, or look at SOFMConfig.scale"
             )
         self._schemas = schemas
-        self._timeline = timeline
-        self._kinds = schemas.episodes.live("behaviour")[timeline.episode]  # [E]
-        self._belief = Belief(timeline, schemas.config.recognition)
+        self._recall, self._belief, self._timeline = recall, recall.belief, recall.timeline
+        self._kinds = schemas.episodes.live("behaviour")[recall.timeline.episode]  # [E]
         self._bias = schemas.pool.live("cue").new_zeros(schemas.config.percept_dimensions)
 
     @property
@@ -77,7 +75,7 @@ class Watcher:
 
     def see(self, percept: Tensor) -> Understanding:
         """Takes one percept in, `[D]`, scaled."""
-        distances = self._schemas.distances(percept)
+        distances = self._recall.distances(percept)
         self._belief.update(distances)
         probability = self._belief.probability.new_zeros(len(self._schemas.behaviours))
         probability.index_add_(0, self._kinds, self._belief.of_episodes())

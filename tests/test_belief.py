@@ -11,9 +11,12 @@ from torch import Tensor
 
 from pacnet import CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
 from pacnet.belief import Belief, Timeline, make_timeline
+from pacnet.compiled_recall import CompiledBelief
 from pacnet.timeline import lay_out
 
 PLACES = 32
+
+both_engines = pytest.mark.parametrize("kind", [Belief, CompiledBelief])
 
 
 def make_lines(samples: list[int], behaviour: list[int], places: int = PLACES) -> Timeline:
@@ -66,16 +69,17 @@ def test_the_pace_is_that_of_the_episode_give_or_take():
 # The forward algorithm
 
 
-def make_small(config: RecognitionConfig) -> Belief:
+def make_small(config: RecognitionConfig, kind: type[Belief] = Belief) -> Belief:
     """Two episodes of three places; the chances are no more than a test needs."""
     start = torch.tensor([[0.5, 0.125, 0.0], [0.25, 0.0, 0.125]], dtype=torch.float64)
     advance = torch.tensor([[0.5, 0.5, 0.0, 0.0], [0.25, 0.25, 0.25, 0.25]], dtype=torch.float64)
     rows = torch.tensor([[0, 1, 2], [0, 3, 4]])  # they share the first
-    return Belief(Timeline(rows, torch.tensor([0, 1]), advance, start), config)
+    return kind(Timeline(rows, torch.tensor([0, 1]), advance, start), config)
 
 
-def test_one_sample_on_by_hand_the_end_keeps_what_runs_over_it():
-    ahead = make_small(RecognitionConfig()).ahead()
+@both_engines
+def test_one_sample_on_by_hand_the_end_keeps_what_runs_over_it(kind: type[Belief]):
+    ahead = make_small(RecognitionConfig(), kind).ahead()
     # .5 -> .25, .25; .125 -> .0625, .0625. .25 -> quarters at 0, 1 and two at the end, which stays.
     expected = [[0.25, 0.3125, 0.0625], [0.0625, 0.0625, 0.125 + 0.125]]
     torch.testing.assert_close(ahead, torch.tensor(expected).double())
@@ -107,14 +111,15 @@ def plain_forward(belief: Belief, distances: list[list[float]]) -> list[dict[tup
     return history
 
 
+@both_engines
 @pytest.mark.parametrize("lines", [False, True])
-def test_the_belief_is_that_of_a_plain_forward_algorithm(lines: bool):
+def test_the_belief_is_that_of_a_plain_forward_algorithm(lines: bool, kind: type[Belief]):
     config = RecognitionConfig(places=5, width=0.5, mismatch=0.01, restart=0.05)
     generator = torch.Generator().manual_seed(0)
-    belief = make_small(config)
+    belief = make_small(config, kind)
     if lines:  # 3 samples for 5 places: steps of more than all of them are among the chances
         timeline = make_lines([3, 7, 40], behaviour=[0, 1, 1], places=5)
-        belief = Belief(timeline, config)
+        belief = kind(timeline, config)
     rows = int(belief.timeline.rows.max()) + 1
     distances = 2 * torch.rand(12, rows, generator=generator)
     for distance, expected in zip(
@@ -130,8 +135,9 @@ def test_the_belief_is_that_of_a_plain_forward_algorithm(lines: bool):
         assert math.fsum(got.values()) == pytest.approx(1)
 
 
-def test_asking_what_is_ahead_changes_nothing():
-    asked, other = make_small(RecognitionConfig()), make_small(RecognitionConfig())
+@both_engines
+def test_asking_what_is_ahead_changes_nothing(kind: type[Belief]):
+    asked, other = (make_small(RecognitionConfig(), kind) for _ in range(2))
     distances = torch.tensor([0.1, 0.2, 0.3, 0.4, 0.5])
     for _ in range(3):
         asked.update(distances)
@@ -142,10 +148,11 @@ def test_asking_what_is_ahead_changes_nothing():
     assert asked.ahead() is not asked.probability
 
 
-def test_the_timeline_is_not_changed_by_what_is_watched():
+@both_engines
+def test_the_timeline_is_not_changed_by_what_is_watched(kind: type[Belief]):
     timeline = make_lines([20, 20], behaviour=[0, 1])
     before = copy.deepcopy(timeline)
-    watch(Belief(timeline, RecognitionConfig()), torch.randn(2 * PLACES, 1), torch.randn(30, 1))
+    watch(kind(timeline, RecognitionConfig()), torch.randn(2 * PLACES, 1), torch.randn(30, 1))
     for now, then in zip(timeline, before, strict=True):
         assert torch.equal(now, then)
 

@@ -500,11 +500,10 @@ def test_episodes_of_any_length_are_recalled_from_end_to_end(samples: int):
             write(schemas, 0, cue, target=cue)
     schemas.begin(3, "")
     assert recalled(schemas, *course) == course
-    timeline, belief = schemas.timeline(), schemas._belief
-    assert timeline is not None
-    assert belief is not None
-    here = NodeSchemas(schemas, schemas.schemas_of(0), timeline)
-    assert here.watched(belief.probability).sum().item() == pytest.approx(1, abs=0.02)
+    recall = schemas._recall
+    assert recall is not None
+    here = NodeSchemas(schemas, schemas.schemas_of(0), recall.timeline)
+    assert here.watched(recall.belief.probability).sum().item() == pytest.approx(1, abs=0.02)
 
 
 def test_nothing_learned_nothing_recalled():
@@ -531,7 +530,7 @@ def test_saving_between_two_recalls_changes_nothing():
     saved.state_dict()
     for percept in (-0.9, -0.5, 0.0, 0.0):
         assert recalled(saved, percept) == recalled(other, percept)
-        assert torch.equal(saved._belief.probability, other._belief.probability)
+        assert torch.equal(saved._recall.belief.probability, other._recall.belief.probability)
 
 
 def test_what_is_learned_between_two_recalls_counts():

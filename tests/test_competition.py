@@ -90,7 +90,7 @@ def test_the_winner_of_one_is_that_of_a_batch(margin, threshold):
     rivals = competition(threshold, margin)
     for confidences in (eighths, tenths, tenths.double()):
         pairs = zip(confidences, incumbents.tolist(), strict=True)
-        winners = [rivals.winner(row, incumbent) for row, incumbent in pairs]
+        winners = [rivals.winner(row.numpy(), incumbent) for row, incumbent in pairs]
         assert rivals(confidences, incumbents).tolist() == winners
 
 

@@ -165,7 +165,7 @@ def test_asking_for_rivals_changes_nothing():
             assert answers[0][1:] == answers[1][1:]
         asked.rivals(0, torch.tensor([percept]))
         asked.rivals(1, torch.tensor([0.0]))
-    assert torch.equal(asked._belief.probability, other._belief.probability)
+    assert torch.equal(asked._recall.belief.probability, other._recall.belief.probability)
     for name, value in asked.state_dict().items():
         assert torch.equal(value, before[name]), name
 

@@ -20,6 +20,8 @@ from pacnet import (
     PACNetConfig,
     SOFMConfig,
 )
+from pacnet.competing_recall import CompetingRecall
+from pacnet.compiled_recall import CompiledRecall
 
 GRID = 1 / 64  # [unit] on multiples of it distances and sums of targets are exact in float32
 CANDIDATES = tuple((x, y, 0.0, 0.0, 0.0) for x in (-0.3, 0.0, 0.35) for y in (-0.25, 0.0, 0.3))
@@ -95,6 +97,7 @@ SCHEMAS = {
     "fifty nearest cues": MotorSchemasConfig(5, 5, nearest_cues=50),
     "order": MotorSchemasConfig(5, 5, recall_by="order"),
     "several schemas": CompetingSchemasConfig(5, 5, nearest_cues=7),
+    "several that stay": CompetingSchemasConfig(5, 5, margin=0.1, threshold=0.2),
 }
 
 
@@ -147,3 +150,28 @@ def test_more_than_is_learned_at_once_equals_parts_of_it_in_both_engines(preset:
                 torch.testing.assert_close(tensor, expected[name], rtol=1e-5, atol=0)
             else:
                 assert torch.equal(tensor, expected[name]), name
+
+
+def test_both_engines_recognise_the_same():
+    networks = both(CompetingSchemasConfig(5, 5))
+    for episode in range(4):
+        for network in networks:
+            percepts, targets = crowd(300, episode), aims(300, episode)
+            network.observe(percepts, targets, episode, f"way {episode % 2}")
+    watched = torch.cat([crowd(40, 1), crowd(40, 9)]) + GRID
+    one, other = (network.recognise(watched) for network in networks)
+    assert len(one.behaviour.unique()) == 2
+    for name, value in one._asdict().items():
+        torch.testing.assert_close(getattr(other, name), value, rtol=2e-5, atol=2e-6)
+
+
+def test_schemas_that_compete_are_compiled_only_where_kernels_run():
+    network = PACNet(PACNetConfig(SOFMConfig.paper(5), CompetingSchemasConfig(5, 5)))
+    network.observe(crowd(300, 0), aims(300, 0), episode=0)
+    assert isinstance(network.schemas.new_recall(), CompiledRecall)
+    network.double()
+    assert type(network.schemas.new_recall()) is CompetingRecall
+    assert network.recall(crowd(20, 1).double()).commanded.any()
+    network.schemas.engine = "compiled"
+    with pytest.raises(ValueError, match=r"expected float32 on the CPU .*, got torch\.float64"):
+        network.schemas.new_recall()

@@ -9,9 +9,13 @@ import torch
 from torch import Tensor
 
 from pacnet import NOBODY, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
+from pacnet.competing_recall import CompetingRecall
+from pacnet.compiled_recall import CompiledNode
 from pacnet.node_schemas import NodeSchemas
 
 NODES, PLACES = 4, 16
+
+both_engines = pytest.mark.parametrize("kind", [NodeSchemas, CompiledNode])
 
 
 def make_random(seed: int) -> CompetingSchemas:
@@ -48,8 +52,11 @@ def watched_by_hand(schemas: CompetingSchemas, schema: int, probability: Tensor)
     return watched
 
 
+@both_engines
 @pytest.mark.parametrize("seed", range(3))
-def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue(seed: int):
+def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue(
+    seed: int, kind: type[NodeSchemas]
+):
     schemas = make_random(seed)
     timeline = schemas.timeline()
     assert timeline is not None
@@ -58,13 +65,14 @@ def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue
     several = 0
     for node in range(NODES):
         numbers = schemas.schemas_of(node)
-        here = NodeSchemas(schemas, numbers, timeline)
+        here = kind(schemas, numbers, timeline)
         assert here.numbers == numbers.tolist()
         several += len(schemas.lengths[numbers].unique()) > 1
         for _ in range(3):
             probability = torch.rand(10, PLACES, dtype=torch.float64, generator=generator) / 100
             percept = node + torch.randn(2, generator=generator)
-            confidences = here.confidences(schemas.distances(percept), probability)
+            distances = CompetingRecall(schemas, timeline).distances(percept)
+            confidences = here.confidences(distances, probability)
             for schema, confidence in zip(here.numbers, confidences.tolist(), strict=True):
                 near = min((percept - cue).norm().item() for cue in schemas.cues(schema))
                 watched = watched_by_hand(schemas, schema, probability)
@@ -72,11 +80,12 @@ def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue
     assert several == NODES  # short and long ones side by side
 
 
-def test_no_confidence_is_over_one():
+@both_engines
+def test_no_confidence_is_over_one(kind: type[NodeSchemas]):
     schemas = make_random(0)
     timeline = schemas.timeline()
     assert timeline is not None
-    here = NodeSchemas(schemas, schemas.schemas_of(0), timeline)
+    here = kind(schemas, schemas.schemas_of(0), timeline)
     certain = torch.ones(timeline.rows.shape, dtype=torch.float64)  # which rounding may exceed
     assert here.confidences(torch.zeros(len(schemas.pool)), certain).tolist() == [1.0] * len(
         here.numbers
