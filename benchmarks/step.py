@@ -10,20 +10,25 @@ import torch
 
 from benchmarks.harness import NOTHING, Table, factor, latencies, number, run_alone
 from benchmarks.streams import demonstrations
-from pacnet import HabituatingSOFM, MLPForwardModel, PACNet, SOFMConfig
+from pacnet import CompetingSchemas, HabituatingSOFM, MLPForwardModel, PACNet, SOFMConfig
+from pacnet.demonstrations import Demonstration, Demonstrations
 from pacnet.engine import Engine
+from pacnet.imitator import Imitator
 
 CHECKPOINTS = Path(__file__).parents[1] / "checkpoints"
 STEPS, EAGER_STEPS = 20_000, 1_000
 NODES, DIMENSIONS = 30, 28
 THRESHOLD = 0.58  # that makes this many nodes of the demonstrations below
+SHOWN, LENGTH, JOINTS = 8, 500, 11  # demonstrations that an imitator has learned, and its actions
 NOISE = 0.01  # standard deviation of the sensors' noise around what the map has learned
 
 TEXT = f"""Each call is timed alone, on one float32 array; the median and the slowest in a
 hundred of {STEPS:,} calls ({EAGER_STEPS:,} of eager torch), one thread. The map has about
 {NODES} nodes and percepts of {DIMENSIONS} numbers. Experiment 2 is the shipped network with its
 forward model, which tries 21 actions; its percepts are noisy visits to the learned places,
-{{commanded:.0%}} of which recall a target.
+{{commanded:.0%}} of which recall a target. The imitator keeps {{kept:,}} percepts of {SHOWN}
+demonstrations of {LENGTH} frames, {DIMENSIONS} dimensions and {JOINTS} actions, compares each
+percept with all of them, and watches {LENGTH} frames more, again and again.
 """
 
 
@@ -52,6 +57,25 @@ def visits(network: PACNet, seed: int = 0) -> np.ndarray:
     return percepts.clip(0, 1).astype(np.float32)
 
 
+def imitator(engine: Engine) -> tuple[Imitator, np.ndarray]:
+    """A taught one, and another demonstration of the same, float32 `[LENGTH, DIMENSIONS]`."""
+    stream = demonstrations((SHOWN + 1) * LENGTH + 1, DIMENSIONS, 1, seed=0)
+    percepts, actions = torch.from_numpy(stream[:-1]), torch.from_numpy(stream[1:, :JOINTS])
+    names = {
+        "observation.state": tuple(f"state {number}" for number in range(DIMENSIONS)),
+        "action": tuple(f"joint {number}" for number in range(JOINTS)),
+    }
+    pairs = zip(percepts.split(LENGTH)[:SHOWN], actions.split(LENGTH)[:SHOWN], strict=True)
+    shown = tuple(
+        Demonstration(number, "go round", state, state[:, :0], action)
+        for number, (state, action) in enumerate(pairs)
+    )
+    lessons = Demonstrations(50, names, shown, "laps")
+    taught = Imitator.untaught(lessons, engine=engine)
+    taught.learn(lessons)
+    return taught.eval(), stream[SHOWN * LENGTH : -1]
+
+
 def measure() -> list[Table]:
     """One row a kind of step."""
     som, percepts = small_map()
@@ -68,6 +92,13 @@ def measure() -> list[Table]:
         return eager.act(torch.from_numpy(percept)[None])
 
     slow = _summary(latencies(act, _warm(act, places[:EAGER_STEPS])))
+    imitating, shown = imitator("compiled")
+    watched = np.tile(shown, (STEPS // LENGTH, 1))
+    imitation = _summary(latencies(imitating.step, _warm(imitating.step, watched)))
+    torch_alone, _ = imitator("eager")
+    slow_imitation = _summary(latencies(torch_alone.step, _warm(torch_alone.step, watched[:1_000])))
+    schemas = imitating.network.schemas
+    assert isinstance(schemas, CompetingSchemas)
     commanded = float(
         experiment_2("eager").recall(torch.from_numpy(places)).commanded.float().mean()
     )
@@ -78,8 +109,13 @@ def measure() -> list[Table]:
         _row("`PACNet.act` of one percept, eager torch", slow, None),
     ]
     rows.append(("`act` in eager torch over `step`", factor(slow[0] / whole[0]), *[NOTHING] * 3))
+    rows += [
+        _row("`Imitator.step`", imitation, None),
+        _row("`Imitator.step` in eager torch", slow_imitation, None),
+    ]
+    text = TEXT.format(commanded=commanded, kept=len(schemas.pool))
     columns = ("what", "p50 [µs]", "wanted", "p99 [µs]", "wanted")
-    return [Table("One step of a control loop", TEXT.format(commanded=commanded), columns, rows)]
+    return [Table("One step of a control loop", text, columns, rows)]
 
 
 def _warm(step: Callable[[np.ndarray], object], percepts: np.ndarray) -> np.ndarray:
