@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checkers import assert_clean
 from matplotlib.colors import to_hex
 
 from envs.postural_imitation import GLASS_NAMES
@@ -266,6 +267,7 @@ def test_new_places_are_told_and_corrected_and_known_ones_do_not_suffer(tmp_path
 
     extended = Imitator.from_pretrained(folder / "checkpoint")
     assert len(load_demonstrations(folder / "dataset")) == 8 + scores["corrections"]
+    assert_clean(folder / "dataset")
     assert len({lesson.episode for lesson in extended.lessons}) == 8 + scores["corrections"]
     assert (folder / "novelty.png").stat().st_size > 10_000
     assert load_demonstrations(tmp_path / "dataset").episodes[-1].episode == 7  # left as it was

@@ -17,6 +17,7 @@ from envs.mishaps import MISHAPS
 from pacnet import CompetingSchemasConfig, MotorSchemasConfig, PACNet
 from pacnet.demonstrations import load_demonstrations
 from pacnet.recorder import Recorder
+from train.expected_findings import expect_findings
 from train.pool import processes
 from train.postural_episodes import (
     PERCEPTS,
@@ -65,6 +66,7 @@ POLICIES = {
     UNSPOILED: Policy(_OVERWRITTEN, "unspoiled"),
 }
 
+WHY_SPOILED = "spoiled on purpose: the hand trembles, is interrupted or misses the glass"
 _REPLICATES, _MISHAPS = 2, 3  # what seeds are drawn for, beside demonstrations and recalls
 
 
@@ -132,6 +134,8 @@ def record(replicate: Replicate, folder: Path) -> None:
         for seed, mishap in zip(seeds, replicate.mishaps, strict=True):
             percepts = watch_demonstration(environment, seed, mishap)
             recorder.save_episode(TASK, frames_of(percepts))
+    spoiled = [place for place, mishap in enumerate(replicate.mishaps) if mishap is not None]
+    expect_findings(folder, "episodes.*", WHY_SPOILED, spoiled)
 
 
 def shown_to(policy: Policy, replicate: Replicate) -> list[int]:

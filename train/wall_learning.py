@@ -28,6 +28,7 @@ from pacnet import (
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.fitting import MAX_EPOCHS, FitReport
 from pacnet.recorder import Recorder
+from train.expected_findings import expect_findings
 from train.learning_log import LearningLog
 from train.wall_episodes import TAUGHT_SIDES, Transitions, follow, following_seeds, shares, wander
 
@@ -48,15 +49,12 @@ TURNS = np.linspace(-MAX_TURN, MAX_TURN, 21)  # [rad/s] of the candidate actions
 LESSON = 0  # number of the one learning episode
 CHUNK = 50  # samples learned between two points of the learning curves
 
-# For the checker `rdq`, which takes readings that jump and come back within 3 steps for glitches.
-EXPECTED_FINDINGS = "meta/rdq_expected.yaml"
-EXPECTED = """\
-- checks: ["episodes.spikes*"]
-  reason: >-
-    simulated infra-red readings, which without their noise jump the same way:
-    within a few steps of 0.1 s the robot turns to a wall or away from it,
-    or a ray passes the edge of a wall or of another robot
-"""
+# A checker takes readings that jump and come back within 3 steps for glitches.
+JUMPS, WHY_THEY_JUMP = "episodes.spikes*", (
+    "simulated infra-red readings, which without their noise jump the same way: within a few steps "
+    "of 0.1 s the robot turns to a wall or away from it, or a ray passes the edge of a wall or of "
+    "another robot"
+)  # fmt: skip
 
 
 class Episode(NamedTuple):
@@ -79,7 +77,7 @@ def record_wandering(folder: Path, arena: str | int, seed: int, steps: int) -> N
         walk = wander(arena, steps, seed)
         for part in zip(*(np.array_split(rows, episodes) for rows in walk), strict=True):
             recorder.save_episode(WANDERING_TASK, _frames(Transitions(*part)))
-    _write_expected_findings(folder)
+    expect_findings(folder, JUMPS, WHY_THEY_JUMP)
 
 
 def record_following(folder: Path, arena: str | int, seed: int) -> None:
@@ -91,7 +89,7 @@ def record_following(folder: Path, arena: str | int, seed: int) -> None:
     ):
         for side, followed in _follow_both_sides(arena, seed, progress.update):
             recorder.save_episode(task_of(TAUGHT_SIDES[side]), _frames(followed))
-    _write_expected_findings(folder)
+    expect_findings(folder, JUMPS, WHY_THEY_JUMP)
 
 
 def load_episodes(folder: Path) -> list[Episode]:
@@ -214,10 +212,6 @@ def _follow_both_sides(
     for number, episode_seed in enumerate(seeds):
         side = number // EPISODES_A_SIDE
         yield side, follow(arena, TAUGHT_SIDES[side], episode_seed, EPISODE_STEPS, after_step)
-
-
-def _write_expected_findings(folder: Path) -> None:
-    (folder / EXPECTED_FINDINGS).write_text(EXPECTED, encoding="utf-8")
 
 
 def _frames(transitions: Transitions) -> dict[str, np.ndarray]:
