@@ -5,6 +5,8 @@ In torch, this is the specification; `pacnet.compiled_recall` does the same in m
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import torch
@@ -37,6 +39,7 @@ class CompetingRecall:
     def __init__(self, schemas: CompetingSchemas, timeline: Timeline) -> None:
         self.schemas, self.timeline = schemas, timeline
         self.nodes: dict[int, NodeSchemas | None] = {}  # those that have won
+        self._everywhere: NodeSchemas | None = None  # all schemas
         self.reset()
 
     def reset(self) -> None:
@@ -52,20 +55,35 @@ class CompetingRecall:
         """See `CompetingSchemas.recall`."""
         distances = self.distances(percept)
         self.belief.update(distances)
-        here = self.at_node(node)
-        if here is None:
+        rows = self.compete(node, distances)
+        if rows is None:
             return None
-        confidences = here.confidences(distances, self.belief.probability)
-        winner = self.schemas.competition.winner(
-            confidences.numpy(force=True), here.place_of(self.incumbent)
-        )
-        self.incumbent = NOBODY if winner == NOBODY else here.numbers[winner]
-        if winner == NOBODY:
-            return None
-        rows = here.rows_of(winner)
         nearest = distances[rows].argsort(stable=True)[: self.schemas.config.nearest_cues]
         target = self.schemas.pool.live("target")[rows.start + nearest].mean(dim=0)
         return RecalledTarget(target, int(nearest[0]), self.incumbent)
+
+    def compete(self, node: int, distances: Tensor) -> slice | None:
+        """Lets schemas compete, the winner's own or else all that know the percept.
+
+        Args:
+            node: the winner, or `NOBODY`.
+            distances: of the percept from every cue of the pool, `[R]`.
+
+        Returns:
+            The rows of the pool of the schema that wins, the incumbent from now on; None without.
+        """
+        if node == NOBODY:
+            return None
+        for here in self._in_turn(node):
+            confidences = here.confidences(distances, self.belief.probability)
+            winner = self.schemas.competition.winner(
+                confidences.numpy(force=True), here.place_of(self.incumbent)
+            )
+            if winner != NOBODY:
+                self.incumbent = here.numbers[winner]
+                return here.rows_of(winner)
+        self.incumbent = NOBODY
+        return None
 
     def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
         """`recall` for a percept that is no tensor."""
@@ -78,10 +96,16 @@ class CompetingRecall:
 
     def rivals(self, node: int, percept: Tensor) -> list[Rival]:
         """See `CompetingSchemas.rivals`."""
-        here = self.at_node(node)
-        if here is None:
+        if node == NOBODY:
             return []
-        return rivals_of(self.schemas, here, self.distances(percept), self.belief.probability)
+        seen = self.distances(percept), self.belief.probability
+        here, least = self.at_node(node), self.schemas.config.threshold
+        own = [] if here is None else rivals_of(self.schemas, here, *seen)
+        if own and own[0].confidence >= least:
+            return own
+        elsewhere = rivals_of(self.schemas, self.everywhere(), *seen)
+        others = [each for each in elsewhere if each.node != node and each.confidence >= least]
+        return [*others, *own]
 
     def at_node(self, node: int) -> NodeSchemas | None:
         """The schemas of a node, laid out when it first wins; None if it has none."""
@@ -90,8 +114,23 @@ class CompetingRecall:
             self.nodes[node] = self._lay_out(numbers) if len(numbers) > 0 else None
         return self.nodes[node]
 
+    def everywhere(self) -> NodeSchemas:
+        """The schemas of all nodes, each confident near its own cues alone."""
+        if self._everywhere is None:
+            recognition, count = self.schemas.config.recognition, len(self.schemas.blocks)
+            numbers = torch.arange(count, device=self.timeline.rows.device)
+            self._everywhere = self._lay_out(numbers, -math.log(1 - recognition.novel_above))
+        return self._everywhere
+
+    def _in_turn(self, node: int) -> Iterator[NodeSchemas]:
+        """The schemas of a node, and those that compete where none of these wins."""
+        here = self.at_node(node)
+        if here is not None:
+            yield here
+        yield self.everywhere()
+
     def _new_belief(self) -> Belief:
         return Belief(self.timeline, self.schemas.config.recognition)
 
-    def _lay_out(self, numbers: Tensor) -> NodeSchemas:
-        return NodeSchemas(self.schemas, numbers, self.timeline)
+    def _lay_out(self, numbers: Tensor, reach: float = math.inf) -> NodeSchemas:
+        return NodeSchemas(self.schemas, numbers, self.timeline, reach)

@@ -51,7 +51,9 @@ class CompetingSchemas(Sequences):
     At recall every schema of the winner has a confidence: the probability that what is watched is a
     pass through it, given all that was seen in this recall episode, times how well it fits the
     percept. The most confident gives the target whose cue is nearest. Where none is confident at
-    all, the winner matches but does not belong to what is watched, and nothing is recalled.
+    all, the winner matches but does not belong to what is watched: a node that came with one
+    behaviour may be nearest to a percept of another. Then all schemas compete that have a cue to
+    which the percept is not novel; where none of these is confident either, nothing is recalled.
 
     Args:
         config: see `CompetingSchemasConfig`.
@@ -71,6 +73,7 @@ class CompetingSchemas(Sequences):
             config.percept_dimensions,
             of_sequence={
                 "node": NUMBER,
+                "shown_in": NUMBER,  # which of the episodes its sequence is from
                 "support": NUMBER,  # passes that it stands for
                 "typical_length": number,  # geometric mean of theirs
                 "fit": number,  # mean activation of the node by its cues
@@ -289,7 +292,8 @@ class CompetingSchemas(Sequences):
             percept: `[D]`, scaled; the one that was recalled last.
 
         Returns:
-            The most confident first. With a margin, the incumbent may have won before it.
+            The most confident first: the node's, and where none of these is confident, those of
+            other nodes that are. With a margin, the incumbent may have won before the first.
 
         Raises:
             ValueError: nothing was recalled since `reset`.
@@ -306,9 +310,8 @@ class CompetingSchemas(Sequences):
             position: of the target in it.
 
         Returns:
-            First the moment at which the target itself was shown; of several episodes that passed
-            the schema at the very same frames, the last one's. Then those at the same share of the
-            other passes through the schema, in order of time.
+            First the moment at which the target itself was shown. Then those at the same share of
+            the other passes through the schema, in order of time.
 
         Raises:
             ValueError: no such schema, or no such position.

@@ -5,6 +5,7 @@ Imported only where it runs, for it brings numba.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet import recall_kernels as kernels
-from pacnet.attention import NOBODY
 from pacnet.belief import Belief, RecognitionConfig, Timeline
 from pacnet.competing_recall import CompetingRecall
 from pacnet.distances import ROWS
@@ -67,8 +67,14 @@ class CompiledBelief(Belief):
 class CompiledNode(NodeSchemas):
     """See `NodeSchemas`; of float32 on the CPU."""
 
-    def __init__(self, schemas: CompetingSchemas, numbers: Tensor, timeline: Timeline) -> None:
-        super().__init__(schemas, numbers, timeline)
+    def __init__(
+        self,
+        schemas: CompetingSchemas,
+        numbers: Tensor,
+        timeline: Timeline,
+        reach: float = math.inf,
+    ) -> None:
+        super().__init__(schemas, numbers, timeline, reach)
         self._spans = np.array([(rows.start, rows.stop) for rows in self._blocks])
         self._passes = torch.stack([self._first, self._last, self._through], dim=1).numpy()
 
@@ -81,7 +87,9 @@ class CompiledNode(NodeSchemas):
     ) -> NDArray[np.float32]:
         """`confidences` of arrays."""
         confidences = np.empty(len(self.numbers), np.float32)
-        kernels.compete(probability.ravel(), self._passes, distances, self._spans, confidences)
+        kernels.compete(
+            probability.ravel(), self._passes, distances, self._spans, self._reach, confidences
+        )
         return confidences
 
 
@@ -115,17 +123,10 @@ class CompiledRecall(CompetingRecall):
     def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
         """See `CompetingRecall.recall_row`."""
         distances = distances_of(percept, self._cues)
-        probability = self.belief.follow(distances)
-        here = self.at_node(node)
-        if here is None:
+        self.belief.follow(distances)
+        rows = self.compete(node, torch.from_numpy(distances))
+        if rows is None:
             return None
-        assert isinstance(here, CompiledNode)
-        confidences = here.compete(distances, probability)
-        winner = self.schemas.competition.winner(confidences, here.place_of(self.incumbent))
-        self.incumbent = NOBODY if winner == NOBODY else here.numbers[winner]
-        if winner == NOBODY:
-            return None
-        rows = here.rows_of(winner)
         nearest = distances[rows].argsort(kind="stable")[: self.schemas.config.nearest_cues]
         target = self._targets[rows][nearest].sum(axis=0) / np.float32(len(nearest))
         return RecalledRow(target, int(nearest[0]), self.incumbent)
@@ -133,5 +134,5 @@ class CompiledRecall(CompetingRecall):
     def _new_belief(self) -> CompiledBelief:
         return CompiledBelief(self.timeline, self.schemas.config.recognition)
 
-    def _lay_out(self, numbers: Tensor) -> CompiledNode:
-        return CompiledNode(self.schemas, numbers, self.timeline)
+    def _lay_out(self, numbers: Tensor, reach: float = math.inf) -> CompiledNode:
+        return CompiledNode(self.schemas, numbers, self.timeline, reach)

@@ -29,6 +29,8 @@ class Rival(NamedTuple):
 
     schema: int
     """Its number."""
+    node: int
+    """Whose it is."""
     confidence: float
     """The probability that what is watched is a pass through it, times how well it fits."""
     position: int
@@ -42,7 +44,8 @@ def origins_of(schemas: CompetingSchemas, schema: int, position: int) -> list[Or
     _check(schemas, schema, position)
     passes, episodes, frames = schemas.passes, schemas.episodes, schemas.frames(schema)
     number, time, row = shown(schemas)
-    here = row == schemas.blocks.live("start")[schema] + position
+    blocks = schemas.blocks
+    here = row == blocks.live("start")[schema] + position
     number, frame = number[here], time[here].round().long()
     first, last = passes.live("first")[number], passes.live("last")[number]
     episode = passes.live("episode")[number]
@@ -50,8 +53,8 @@ def origins_of(schemas: CompetingSchemas, schema: int, position: int) -> list[Or
     numbers = episodes.live("number")[episode].tolist()
     origins = [Origin(*row) for row in zip(numbers, names, frame.tolist(), strict=True)]
     # The pass whose sequence is kept began with its first row and ended with its last one.
-    own = ((first == frames[0]) & (last == frames[-1])).nonzero().flatten().tolist()
-    return [origins.pop(own[-1]), *origins]
+    own = (first == frames[0]) & (last == frames[-1]) & (episode == blocks.live("shown_in")[schema])
+    return [origins.pop(int(own.nonzero()[0])), *origins]
 
 
 def rivals_of(
@@ -62,8 +65,8 @@ def rivals_of(
     rivals = []
     for place, schema in enumerate(here.numbers):
         position = int(distances[here.rows_of(place)].argmin())
-        names = _behaviours_through(schemas, schema)
-        rivals.append(Rival(schema, confidences[place], position, names))
+        node, names = int(schemas.blocks.live("node")[schema]), _behaviours_through(schemas, schema)
+        rivals.append(Rival(schema, node, confidences[place], position, names))
     return sorted(rivals, key=lambda rival: -rival.confidence)
 
 

@@ -93,4 +93,25 @@ def _episodes_hold(schemas: CompetingSchemas) -> dict[str, Tensor | bool]:
         "passes within their episodes": (
             (first >= 0) & (first <= last) & (last < ended if inside.all() else False)
         ).all(),
+        "a pass in which each sequence was shown": _were_shown(schemas),
     }
+
+
+def _were_shown(schemas: CompetingSchemas) -> bool:
+    """Whether some pass through each schema is that of its sequence."""
+    blocks, passes, frame = schemas.blocks, schemas.passes, schemas.pool.live("frame")
+    schema, start = passes.live("schema"), blocks.live("start")
+    ends = (start, start + schemas.lengths - 1)
+    if not all(_are_within(rows, len(frame)) for rows in ends) or not _are_within(
+        schema, len(blocks)
+    ):
+        return False
+    own = (passes.live("episode") == blocks.live("shown_in")[schema]) & (
+        (passes.live("first") == frame[ends[0]][schema])
+        & (passes.live("last") == frame[ends[1]][schema])
+    )
+    return bool(torch.isin(torch.arange(len(blocks), device=schema.device), schema[own]).all())
+
+
+def _are_within(numbers: Tensor, count: int) -> bool:
+    return bool(((numbers >= 0) & (numbers < count)).all())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import torch
@@ -21,13 +22,21 @@ class NodeSchemas:
         schemas: of all nodes, the pool without gaps.
         numbers: of the node's own, int64 `[K ≥ 1]`.
         timeline: of the known episodes.
+        reach: distance from the nearest of its cues beyond which a schema has no confidence.
 
     Attributes:
         numbers: of the node's schemas.
     """
 
-    def __init__(self, schemas: CompetingSchemas, numbers: Tensor, timeline: Timeline) -> None:
+    def __init__(
+        self,
+        schemas: CompetingSchemas,
+        numbers: Tensor,
+        timeline: Timeline,
+        reach: float = math.inf,
+    ) -> None:
         self.numbers: list[int] = numbers.tolist()
+        self._reach = reach
         starts, lengths = schemas.blocks.live("start")[numbers], schemas.lengths[numbers]
         self._blocks = [
             slice(start, start + length)
@@ -59,7 +68,8 @@ class NodeSchemas:
         Returns:
             `[K]`, in [0, 1].
         """
-        fit = torch.exp(-distances.take(self._rows).amin(dim=1))
+        nearest = distances.take(self._rows).amin(dim=1)
+        fit = torch.exp(-nearest).where(nearest <= self._reach, 0)
         return self.watched(probability).to(fit.dtype).clamp_(max=1) * fit
 
     def watched(self, probability: Tensor) -> Tensor:

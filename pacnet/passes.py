@@ -130,7 +130,7 @@ def _open(schemas: CompetingSchemas, new: list[Pass], first: int) -> None:
     nodes = blocks.live("node")
     nodes[schema:] = nodes.new_tensor([each.node for each in new])
     blocks.live("support")[schema:] = OPEN
-    passes.live("episode")[number:] = len(schemas.episodes) - 1
+    blocks.live("shown_in")[schema:] = passes.live("episode")[number:] = len(schemas.episodes) - 1
     passes.live("schema")[number:] = torch.arange(schema, len(blocks), device=nodes.device)
     passes.live("first")[number:] = nodes.new_tensor([first + each.samples[0] for each in new])
 

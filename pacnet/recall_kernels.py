@@ -72,7 +72,7 @@ def weigh(ahead, start, restart, rows, distances, width, mismatch, probability):
 
 
 @njit(cache=True, nogil=True)
-def compete(probability, passes, distances, spans, confidences):
+def compete(probability, passes, distances, spans, reach, confidences):
     """Writes the confidences `[K]` of schemas.
 
     Args:
@@ -80,6 +80,7 @@ def compete(probability, passes, distances, spans, confidences):
         passes: the first and the last place of each, and the schema that it passes, `[N, 3]`.
         distances: of the percept from every row, `[R]`.
         spans: the first row of each schema and the one behind its last, `[K, 2]`.
+        reach: distance from its nearest row beyond which a schema has none.
         confidences: where to write.
     """
     watched = np.zeros(len(spans), np.float64)
@@ -91,7 +92,8 @@ def compete(probability, passes, distances, spans, confidences):
         nearest = np.float32(np.inf)
         for row in range(spans[schema, 0], spans[schema, 1]):
             nearest = min(nearest, distances[row])
-        confidences[schema] = min(watched[schema], 1.0) * math.exp(-nearest)
+        fit = math.exp(-nearest) if nearest <= reach else 0.0
+        confidences[schema] = min(watched[schema], 1.0) * fit
 
 
 @njit

@@ -424,6 +424,9 @@ DAMAGES = [
     ("schemas.passes.last", -1, 8, "passes within their episodes"),
     ("schemas.episodes.samples", -1, 7, "passes within their episodes"),
     ("schemas.pool.cue", 0, math.nan, "finite cues"),
+    ("schemas.blocks.shown_in", 0, -1, "a pass in which each sequence was shown"),
+    ("schemas.blocks.shown_in", -1, 0, "a pass in which each sequence was shown"),
+    ("schemas.pool.frame", 0, 7, "a pass in which each sequence was shown"),
 ]
 
 

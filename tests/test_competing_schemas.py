@@ -510,7 +510,28 @@ def test_nothing_learned_nothing_recalled():
     assert recalled(make_schemas(), 0.0) == [None]
     schemas = make_schemas()
     show(schemas, 0, 0.0)
-    assert recalled(schemas, 0.0, node=1) == [None]
+    assert recalled(schemas, FAR, node=1) == [None]
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+@pytest.mark.parametrize("won_by", [1, 2])
+def test_where_the_winner_is_of_something_else_all_that_know_the_percept_compete(
+    engine: str, won_by: int
+):
+    """Node 1 came with milk, node 2 never settled; each may be nearest to a percept of tea."""
+    schemas = make_schemas(recognition=RecognitionConfig(novel_above=1 - math.exp(-0.5)))
+    schemas.engine = engine
+    show(schemas, 0, *[0.0] * 8, target=1.0)
+    schemas.begin(1, "milk")
+    write(schemas, 1, *[3.0] * 8, target=2.0)
+    schemas.begin(2, "")
+    assert recalled(schemas, 0.0, 0.0, 0.4, node=won_by) == [1.0] * 3
+    # Nearest to tea, and believed to be, but novel to it: beyond 0.5 from its cues.
+    assert recalled(schemas, 0.6, node=won_by) == [None]
+    rivals = schemas.rivals(won_by, torch.tensor([0.0]))
+    own = [] if won_by == 2 else [(1, 1)]  # which competed first, in vain
+    assert [(each.node, each.schema) for each in rivals] == [(0, 0), *own]
+    assert recalled(schemas, 0.0, node=NOBODY) == [None]  # novel to the map
 
 
 def test_a_recalled_target_is_the_callers_own():

@@ -74,12 +74,14 @@ def test_a_moment_is_a_frame_that_was_shown_though_the_pass_was_interrupted():
     assert [schemas.origins(0, position)[0].frame for position in range(3)] == [0, 1, 4]
 
 
-def test_of_passes_at_the_same_frames_the_last_is_named_first():
+def test_of_passes_at_the_same_frames_the_one_that_was_kept_is_named_first():
     schemas = make_schemas()
-    for episode in range(3):
-        show(schemas, episode, "tea", 1, [1.0, 1.0])
+    show(schemas, 0, "tea", 1, [0.0, 1.0, 0.0, 1.0])
+    show(schemas, 1, "tea", 1, [1.0, 1.5, 2.0, 2.5])  # smoother: it renews
+    show(schemas, 2, "tea", 1, [3.0, 1.0, 3.0, 1.0])  # a tremor: it does not
     schemas.begin(3, "")
-    assert schemas.origins(0, 1) == [Origin(number, "tea", 2) for number in (2, 0, 1)]
+    assert schemas.targets(0).flatten().tolist() == [1.0, 1.5, 2.0, 2.5]
+    assert schemas.origins(0, 1) == [Origin(number, "tea", 2) for number in (1, 0, 2)]
 
 
 def wander(schemas: CompetingSchemas, episode: int, generator: torch.Generator) -> None:
@@ -174,7 +176,7 @@ def test_where_nothing_competes_there_are_no_rivals():
     schemas = make_fork()
     schemas.recall(NOBODY, torch.tensor([0.0]))
     assert schemas.rivals(NOBODY, torch.tensor([0.0])) == []
-    assert schemas.rivals(1, torch.tensor([0.0])) == []
+    assert schemas.rivals(1, torch.tensor([2.0])) == []
 
 
 def test_before_the_first_percept_nothing_competes():
