@@ -46,8 +46,8 @@ class Familiarity(nn.Module):
     The deviation follows the residuals' size, from zero, so that one bad frame does not make a
     situation new. Before a further episode is learned, its largest deviation in each dimension is
     noted. Of these, with what the first episode changed by from frame to frame, the lower median is
-    what is usual; a few times that is tolerated. So an episode of something new, such as a
-    correction, widens nothing as long as no more than half of all are like that.
+    what is usual; a few times that is tolerated. So an episode of something new widens nothing as
+    long as no more than half of all are like that; one that is said to be a correction never does.
 
     Args:
         dimensions: length D of a percept.
@@ -87,7 +87,13 @@ class Familiarity(nn.Module):
         self._deviation = np.zeros(self.dimensions, np.float32)
 
     @torch.no_grad()
-    def learn(self, percepts: NDArray[np.float32], cues: NDArray[np.float32] | None) -> float:
+    def learn(
+        self,
+        percepts: NDArray[np.float32],
+        cues: NDArray[np.float32] | None,
+        *,
+        correction: bool = False,
+    ) -> float:
         """Learns what is usual from an episode, before the episode itself is learned.
 
         In eval mode nothing is learned.
@@ -95,6 +101,8 @@ class Familiarity(nn.Module):
         Args:
             percepts: of the episode, scaled, `[T, D]`, in order of time.
             cues: all percepts that were learned before, scaled, `[R, D]`; None if there are none.
+            correction: whether it is of something that is known to be new, and tells nothing about
+                what is usual; the first episode always does.
 
         Returns:
             The largest novelty in the episode, by what was usual before it; NaN without cues.
@@ -109,7 +117,8 @@ class Familiarity(nn.Module):
             self._check("cues", cues)
             largest = _largest_deviation(percepts, cues)
             novelty = float((largest / self.tolerance).max())
-        if self.training and len(percepts) > 1:  # one frame shows neither movement nor noise
+        tells = len(self.episodes) == 0 or not correction
+        if self.training and tells and len(percepts) > 1:  # one shows neither movement nor noise
             self._note(largest)
         return novelty
 

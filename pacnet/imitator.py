@@ -145,7 +145,11 @@ class Imitator(nn.Module):
 
     @torch.no_grad()
     def learn(
-        self, demonstrations: Demonstrations, progress: Callable[[int], object] | None = None
+        self,
+        demonstrations: Demonstrations,
+        progress: Callable[[int], object] | None = None,
+        *,
+        corrections: bool = False,
     ) -> list[Lesson]:
         """Learns each demonstration, in order, and goes on from what it knows.
 
@@ -157,6 +161,8 @@ class Imitator(nn.Module):
         Args:
             demonstrations: of the same features and rate as all before.
             progress: called after each demonstration with the number of its frames.
+            corrections: whether they show what to do where something was new. What is tolerated
+                elsewhere stays what it is then, however many they are.
 
         Returns:
             A lesson for each demonstration; none in eval mode.
@@ -174,7 +180,7 @@ class Imitator(nn.Module):
         before = len(self.lessons)
         for shown in demonstrations:
             with torch.inference_mode(False), interrupts_held_back():
-                self._learn_one(demonstrations.source, shown)
+                self._learn_one(demonstrations.source, shown, corrections)
             if progress is not None:
                 progress(len(shown.state))
         return self.lessons[before:]
@@ -296,9 +302,9 @@ class Imitator(nn.Module):
             seed=0,
         )
 
-    def _learn_one(self, dataset: str, shown: Demonstration) -> None:
+    def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> None:
         percepts, number = shown.percepts, len(self.lessons)
-        unfamiliar = self._compare(percepts)
+        unfamiliar = self._compare(percepts, correction)
         watched = self.network.attend(percepts)
         self.network.observe(percepts, self._targets(shown), number, shown.task)
         self.first_action += (shown.action[0] - self.first_action) / (number + 1)
@@ -312,11 +318,12 @@ class Imitator(nn.Module):
             return shown.action
         return targets_ahead(shown.state, self.config.lead)
 
-    def _compare(self, percepts: Tensor) -> float | None:
+    def _compare(self, percepts: Tensor, correction: bool) -> float | None:
         """How unfamiliar a demonstration is before it is learned; what is usual is learned."""
         close_gaps(self._schemas)  # else there would be rows that are nobody's cues
         cues = self._cues() if self.lessons else None
-        novelty = self.familiarity.learn(percepts.numpy() * self._scale, cues)
+        scaled = percepts.numpy() * self._scale
+        novelty = self.familiarity.learn(scaled, cues, correction=correction)
         return None if math.isnan(novelty) else novelty
 
 

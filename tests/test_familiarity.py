@@ -157,6 +157,25 @@ def test_the_very_first_correction_does_not_either():
     assert (familiarity.tolerance <= before + 1e-6).all()
 
 
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_what_is_said_to_be_a_correction_never_does_however_many_there_are(count):
+    familiarity, cues = taught(*map(swing, range(count)))
+    before = familiarity.tolerance
+    for seed in range(2 * count):
+        percepts = swing(50 + seed, place=1.0 + seed)
+        assert familiarity.learn(percepts, cues, correction=True) > 1
+        cues = np.concatenate([cues, percepts])
+    assert np.array_equal(familiarity.tolerance, before)
+    assert novelties(familiarity, swing(101, place=-1.0), cues)[10:].min() > 1
+
+
+def test_the_first_episode_tells_what_is_usual_whatever_it_is_said_to_be():
+    one, other = Familiarity(4), Familiarity(4)
+    one.learn(swing(0), None)
+    other.learn(swing(0), None, correction=True)
+    assert np.array_equal(one.tolerance, other.tolerance)
+
+
 def test_where_demonstrations_mostly_vary_much_much_is_tolerated():
     places = np.random.default_rng(0).uniform(-1, 1, 8)
     familiarity, cues = taught(*(swing(i, place) for i, place in enumerate(places)))

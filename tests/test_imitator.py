@@ -86,6 +86,18 @@ def test_a_correction_makes_the_new_place_known_and_forgets_nothing(taught: Imit
     assert all(step.is_novel for step in between)
 
 
+def test_corrections_widen_nothing_though_they_are_more_than_the_demonstrations():
+    imitator = Imitator.untaught(shown(reach(0)))
+    imitator.learn(shown(reach(0)))
+    tolerance = imitator.familiarity.tolerance
+    for number, glass in enumerate((0.15, 0.3, 0.45)):
+        (lesson,) = imitator.learn(shown(reach(50 + number, glass)), corrections=True)
+        assert lesson.unfamiliar > 1
+    assert np.array_equal(imitator.familiarity.tolerance, tolerance)
+    assert not any(step.is_novel for step in follow(imitator, reach(100, glass=0.3).percepts))
+    assert all(step.is_novel for step in follow(imitator, reach(100, glass=-0.15).percepts)[10:])
+
+
 def test_lessons_tell_what_was_learned(demonstrations: Demonstrations):
     imitator = Imitator.untaught(demonstrations)
     first = imitator.learn(demonstrations)

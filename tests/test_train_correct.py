@@ -17,8 +17,16 @@ from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.figure_style import VERMILION
 from pacnet.imitator import Imitator
 from train import correct
-from train.correct import check, draw_places, situations
-from train.correct_episodes import USUAL, Attempt, Pause, Situation, Turn, as_demonstration
+from train.correct import check, draw_other_place, draw_places, situations
+from train.correct_episodes import (
+    USUAL,
+    Attempt,
+    Pause,
+    Situation,
+    Turn,
+    as_demonstration,
+    attempts,
+)
 from train.correct_figures import novelty_over_time
 from train.correct_scores import print_scores, print_turn, score_attempts, score_turn
 from train.postural_imitation import FEATURES, FPS, frames_of, record
@@ -207,6 +215,15 @@ def test_places_are_new_ones_each_and_decided_by_the_seed(count):
         assert draw_places((seed, 2), count) != places
 
 
+def test_other_places_are_as_far_away_and_not_near_the_corrected_ones():
+    for seed in range(20):
+        corrected = draw_places((seed, 1), 3)
+        place = draw_other_place((seed, 2), corrected)
+        assert math.hypot(*place) == pytest.approx(0.15)
+        assert min(math.dist(place, other) for other in corrected) >= 0.075
+        assert draw_other_place((seed, 2), corrected) == place
+
+
 def test_situations_go_from_place_to_place_each_of_its_own_seed():
     places = draw_places((0, 1), 2)
     drawn = situations((0, 2), places, 6)
@@ -238,6 +255,26 @@ def test_a_missing_checkpoint_is_one_line(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+def test_what_was_learned_from_one_demonstration_is_corrected_at_several_places(tmp_path):
+    """More corrections than demonstrations, and a further place is new still."""
+    record(tmp_path / "dataset", 31, 1)
+    demonstrations = load_demonstrations(tmp_path / "dataset")
+    imitator = Imitator.untaught(demonstrations)
+    imitator.learn(demonstrations)
+    before = imitator.familiarity.tolerance
+    places = draw_places((31, 1), 2)
+    turns = correct.correct(imitator.eval(), demonstrations, places, 31, tmp_path / "corrected")
+    assert {turn.place for turn in turns if turn.learning is not None} >= {1, 2}
+    assert (imitator.familiarity.tolerance == before).all()
+    imitator.save_pretrained(tmp_path / "checkpoint")
+    drawn = [draw_other_place((31, 2, i), places) for i in range(40)]
+    others = [one for one in drawn if min(math.dist(one, place) for place in places) > 0.11]
+    assert len(others) >= 6
+    tried = attempts(tmp_path / "checkpoint", situations((31, 3), others, 6), "other places")
+    assert all(attempt.paused_in_time for attempt in tried)
+
+
+@pytest.mark.slow
 def test_new_places_are_told_and_corrected_and_known_ones_do_not_suffer(tmp_path):
     record(tmp_path / "dataset", 0, 8)
     demonstrations = load_demonstrations(tmp_path / "dataset")
@@ -260,6 +297,7 @@ def test_new_places_are_told_and_corrected_and_known_ones_do_not_suffer(tmp_path
     after, corrected = scores["known places, after"], scores["corrected places, after"]
     assert 1 <= scores["corrections"] <= correct.ATTEMPTS - correct.ENOUGH
     assert scores["learning_s_max"] < 1
+    assert scores["new places, after"]["paused_in_time_share"] >= 0.95
     assert corrected["success_rate"] >= 0.9
     assert corrected["paused_share"] <= 0.1
     assert after["success_rate"] >= known["success_rate"] - 0.04

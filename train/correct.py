@@ -53,7 +53,7 @@ ENOUGH = 2  # attempts at a new place, one after the other, that need no correct
 ATTEMPTS = 10  # there, at most
 
 # What is drawn from the seed.
-_PLACES, _ELSEWHERE, _KNOWN, _NEW, _CORRECTING, _CORRECTED = range(10, 16)
+_PLACES, _ELSEWHERE, _KNOWN, _NEW, _CORRECTING, _CORRECTED, _OTHERS, _STILL_NEW = range(10, 18)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -114,6 +114,8 @@ def run(
     known = situations((seed, _KNOWN), [USUAL], count)
     elsewhere = [draw_places((seed, _ELSEWHERE, i), 1)[0] for i in range(count)]
     new = situations((seed, _NEW), elsewhere, count)
+    others = [draw_other_place((seed, _OTHERS, i), places) for i in range(count)]
+    still_new = situations((seed, _STILL_NEW), others, count)
     corrected = situations((seed, _CORRECTED), places, count)
 
     before = {
@@ -125,6 +127,7 @@ def run(
     after = {
         "known places, after": attempts(folder / "checkpoint", known, "known places"),
         "corrected places, after": attempts(folder / "checkpoint", corrected, "corrected places"),
+        "new places, after": attempts(folder / "checkpoint", still_new, "other new places"),
     }
 
     write_scores(arguments, folder, places, turns, before | after)
@@ -219,7 +222,7 @@ class Teacher:
         lesson = Demonstrations(FPS, self._given.names, (shown,), self._given.source)
         began = time.perf_counter()
         self._imitator.train()
-        self._imitator.learn(lesson)
+        self._imitator.learn(lesson, corrections=True)
         self._imitator.eval()
         return time.perf_counter() - began
 
@@ -232,6 +235,15 @@ def draw_places(seed: Sequence[int], count: int) -> list[Offset]:
         apart = np.linalg.norm(places[:, None] - places, axis=2)[np.triu_indices(count, 1)]
         if (apart >= DISTANCE).all():
             return [(x, y) for x, y in places.tolist()]
+
+
+def draw_other_place(seed: Sequence[int], corrected: Sequence[Offset]) -> Offset:
+    """The offset of one more new place [m], not near those at which it was corrected."""
+    rng = np.random.default_rng(seed)
+    while True:
+        place = draw_offset(rng, DISTANCE)
+        if np.linalg.norm(place - np.array(corrected), axis=1).min() >= DISTANCE / 2:
+            return (float(place[0]), float(place[1]))
 
 
 def situations(seed: Sequence[int], places: Sequence[Offset], count: int) -> list[Situation]:
