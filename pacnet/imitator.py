@@ -211,6 +211,14 @@ class Imitator(nn.Module):
             decision,
         )
 
+    def warm_up(self) -> None:
+        """Does once what the first `step` takes seconds for, and starts a new recall episode."""
+        with torch.inference_mode(False):
+            cues = self._cues()
+            known = cues[0] if len(cues) else np.zeros_like(self._scale)
+            self.step(known / self._scale)
+        self.reset()
+
     def reset(self) -> None:
         """Starts a new recall episode; what was learned stays."""
         self.network.reset()

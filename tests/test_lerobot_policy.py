@@ -1,7 +1,10 @@
 """The LeRobot policy without LeRobot's commands: batches in, an imitator and actions out."""
 
 import copy
+import json
+import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +19,7 @@ pytest.importorskip("lerobot_policy_pacnet")
 import gymnasium
 from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from lerobot_policy_pacnet.acting import MOVING
 from lerobot_policy_pacnet.training import ENOUGH
 
 from lerobot_policy_pacnet import PACNetConfig, PACNetEnv, PACNetPolicy, scenes
@@ -246,6 +250,19 @@ def test_states_are_learned_as_targets(tmp_path: Path):
         reloaded(policy, tmp_path, waves(2))
 
 
+def test_what_follows_what_is_not_learned_from_a_part_of_the_frames(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    dataset = waves(1, count=4)
+    policy = PACNetPolicy(config_of(targets="state", lead=2), dataset_meta=meta_of(dataset))
+    learn(policy, list(batches(dataset, 0, 64))[:-1])
+    policy.save_pretrained(tmp_path)
+    assert policy.imitator is None
+    assert "an unfinished pass; a whole one takes 9 steps" in caplog.text
+    learn(policy, batches(dataset, 0, 64))
+    assert len(policy.imitator.lessons) == 4
+
+
 def test_other_features_and_rates_are_refused_at_once(dataset: Demonstrations, tmp_path: Path):
     others = waves(2, names={**NAMES, STATE: ("elbow.pos", "shoulder.pos")})
     policy = reloaded(taught(dataset), tmp_path, others)
@@ -283,8 +300,13 @@ def test_numbers_that_are_not_finite_are_refused_by_their_index(dataset: Demonst
 def test_images_are_refused_with_what_to_do():
     config = config_of()
     config.input_features["observation.images.top"] = PolicyFeature(FeatureType.VISUAL, (3, 8, 8))
-    with pytest.raises(ValueError, match=r"images 'observation\.images\.top'.*what an encoder"):
+    with pytest.raises(ValueError, match=r"images 'observation\.images\.top'.*encoder") as refused:
         PACNetPolicy(config)
+    (given,) = re.findall(r"--policy\.input_features='(.*)',", str(refused.value))
+    assert json.loads(given) == {
+        STATE: {"type": "STATE", "shape": [2]},
+        GLASS: {"type": "ENV", "shape": [1]},
+    }
 
 
 def test_settings_out_of_range_are_refused():
@@ -399,6 +421,38 @@ def test_a_robot_holds_still_before_its_first_action():
     assert torch.equal(policy.select_action(percept(FAR)), FAR)
 
 
+def test_a_robot_whose_state_says_more_than_is_commanded_holds_still_too():
+    names = {
+        **NAMES, STATE: ("elbow.vel", "shoulder.pos", "elbow.pos"),
+        ACTION: ("elbow.pos", "shoulder.pos"),
+    }  # fmt: skip
+    shown = tuple(
+        replace(one, state=torch.cat([one.state[:, :1].cos(), one.state], dim=1))
+        for one in waves(0)
+    )
+    policy = taught(Demonstrations(FPS, names, shown, "three"))
+    held = policy.select_action(percept(torch.tensor([9.0, 30.0, 20.0])))
+    assert held.tolist() == [[20.0, 30.0]]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "x.vel", "theta.vel", "mobile_base.vx", "mobile_base.vtheta", "linear_velocity",
+        "ee.gripper_vel", "delta_x", "ee.delta_yaw", "vel",
+    ],
+)  # fmt: skip
+def test_what_would_move_a_robot_on_is_told_by_its_name(name: str):
+    assert MOVING.search(name)
+
+
+@pytest.mark.parametrize(
+    "name", ["shoulder.pos", "level", "gripper", "velvet.pos", "x", "vy.pos", "delta"]
+)
+def test_what_would_not_is_repeated(name: str):
+    assert not MOVING.search(name)
+
+
 def test_a_robot_with_wheels_stops_where_all_is_new():
     names = {**NAMES, ACTION: ("arm.pos", "wheel.vel")}
     policy = taught(waves(0, names=names))
@@ -439,9 +493,46 @@ def test_it_asks_where_all_is_new(policy: PACNetPolicy):
     assert policy.select_action(percept(FAR)).tolist() == [[7, 8]]
     assert policy.select_action(percept(FAR)).tolist() == [[7, 8]]  # no answer: hold
     assert asked == [(True, [30.0, 30.0, 0.5])] * 2
-    policy.ask = lambda step, seen: np.float32([np.nan, 1])  # noqa: ARG005
-    with pytest.raises(ValueError, match="finite numbers as the answer to ask"):
-        policy.select_action(percept(FAR))
+    for answer in (np.float32([np.nan, 1]), "left", [[1, 2]], [1, [2]], object()):
+        policy.ask = lambda *_, answer=answer: answer
+        with pytest.raises(ValueError, match="expected 2 finite numbers as the answer to ask, got"):
+            policy.select_action(percept(FAR))
+
+
+def test_acting_leaves_nothing_of_the_imitator_in_the_module(dataset: Demonstrations):
+    """LeRobot saves, moves and casts what is there, and sets it to evaluate."""
+    policy = taught(dataset)
+    policy.select_action(percept(FAR))
+    assert list(policy.state_dict()) == ["anchor"]
+    assert list(policy.modules()) == [policy]
+    assert policy.eval().imitator.training
+
+
+def test_what_is_learned_by_a_correction_is_done_in_the_next_episode(dataset: Demonstrations):
+    policy, shown = taught(dataset), dataset.episodes[0]
+    there = replace(shown, state=shown.state + 30, action=shown.action + 30)
+    seen = percept(there.state[0], float(there.environment_state[0]))
+    policy.reset()
+    policy.select_action(seen)
+    assert policy.last_steps[0].is_novel
+    correction = Demonstrations(FPS, NAMES, (there,), "corrections")
+    assert len(policy.imitator.learn(correction, corrections=True)) == 1
+    policy.reset()
+    for row in there.percepts[:60]:
+        action = policy.select_action(percept(row[:2], float(row[2])))[0]
+        assert not policy.last_steps[0].is_novel
+    assert float((action - there.action[59]).abs().max()) < 0.2
+
+
+def test_mixed_precision_learns_the_same(dataset: Demonstrations):
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        policy = taught(dataset)
+    assert_same(policy.imitator, learned_in_order(dataset))
+
+
+def test_an_empty_batch_is_refused(policy: PACNetPolicy):
+    with pytest.raises(ValueError, match="at least one row"):
+        policy.select_action({STATE: torch.empty(0, 2), GLASS: torch.empty(0, 1)})
 
 
 def test_processors_change_nothing_but_names_and_shapes(dataset: Demonstrations, tmp_path: Path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -10,7 +11,9 @@ from numpy.typing import NDArray
 
 from pacnet.imitator import Imitator, ImitatorStep
 
-SPEED = ".vel"  # how the names of speeds end among the actions of LeRobot's robots
+# Names of actions that go on moving a robot while they are repeated: speeds (x.vel, mobile_base.vx,
+# linear_velocity) and displacements (delta_x).
+MOVING = re.compile(r"(^|[._])((vel|velocity|speed|v[xyz]|vtheta|omega)$|delta[._])")
 
 Ask = Callable[[ImitatorStep, NDArray[np.float32]], NDArray[np.float32] | None]
 
@@ -20,7 +23,8 @@ class Actor:
 
     Where something is new and nobody answers, it holds until the episode ends: halfway through a
     task may look known again, but what came before it was not done. To hold is to repeat the last
-    action, but for speeds, which are 0 then: a base that repeated them would drive on.
+    action, but for speeds and displacements (`MOVING`), which are 0 then: a base that repeated them
+    would drive on.
 
     Args:
         imitator: a taught one; the actor keeps a copy, whose recall episode is its own.
@@ -28,8 +32,14 @@ class Actor:
 
     def __init__(self, imitator: Imitator) -> None:
         self.imitator = copy.deepcopy(imitator)
-        self._is_speed = np.array([name.endswith(SPEED) for name in imitator.config.action])
+        self._taught = imitator
+        self._moves = np.array([bool(MOVING.search(name)) for name in imitator.config.action])
+        self.imitator.warm_up()
         self.reset()
+
+    def knows(self, imitator: Imitator) -> bool:
+        """Whether it is this imitator's, which has learned nothing since."""
+        return self._taught is imitator and len(self.imitator.lessons) == len(imitator.lessons)
 
     def reset(self) -> None:
         """Starts a new recall episode."""
@@ -55,32 +65,34 @@ class Actor:
         step = self.imitator.step(percept)
         action = None if self._holds else step.action
         if action is None and ask is not None:
-            action = self._checked(ask(step, percept))
+            action = self._checked(ask(step, percept.copy()))
         if action is None:
             self._holds |= step.is_novel
             action = self._last_or_first(percept)
             if self._holds:
-                action = np.where(self._is_speed, np.float32(0), action)
+                action = np.where(self._moves, np.float32(0), action)
         self._last = action
         return action, step
 
     def _last_or_first(self, percept: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The last action; before any, the robot's own state if that is one, else the usual one."""
+        """The last action; before any, where the robot is if its state says, else the usual one."""
         if self._last is not None:
             return self._last
         config = self.imitator.config
         state = next(iter(config.percepts.values()))
-        if state == config.action:  # joint angles commanded by joint angles, as LeRobot's robots do
-            return percept[: len(state)].copy()
+        if set(config.action) <= set(state):  # joints commanded by their angles, as on an arm
+            return percept[[state.index(name) for name in config.action]]
         return self.imitator.first_action.numpy().copy()
 
     def _checked(self, answer: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
         if answer is None:
             return None
-        action = np.asarray(answer, dtype=np.float32)
-        wanted = self.imitator.config.action
-        if action.shape != (len(wanted),) or not np.isfinite(action).all():
-            raise ValueError(
-                f"expected {len(wanted)} finite numbers as the answer to ask, got {answer!r}"
-            )
+        dimensions = len(self.imitator.config.action)
+        refusal = f"expected {dimensions} finite numbers as the answer to ask, got {answer!r}"
+        try:
+            action = np.array(answer, dtype=np.float32)
+        except (TypeError, ValueError, RuntimeError) as error:  # words, a tensor with a gradient
+            raise ValueError(refusal) from error
+        if action.shape != (dimensions,) or not np.isfinite(action).all():
+            raise ValueError(refusal)
         return action

@@ -1,6 +1,8 @@
 """The policy's settings, which LeRobot's commands take as `--policy.NAME=VALUE`."""
 
+import json
 from dataclasses import dataclass, field
+from typing import Any
 
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
@@ -53,6 +55,14 @@ class PACNetConfig(PreTrainedConfig):
         inputs = self.input_features or {}
         return dict(sorted(inputs.items(), key=lambda item: item[0] != OBS_STATE))
 
+    def _vectors(self) -> dict[str, dict[str, Any]]:
+        """The features that are no images, as the command line takes them."""
+        return {
+            name: {"type": feature.type.value, "shape": list(feature.shape)}
+            for name, feature in self.percept_features.items()
+            if feature.type is not FeatureType.VISUAL
+        }
+
     @property
     def observation_delta_indices(self) -> None:
         """None: frames come one by one, and the policy puts them in order."""
@@ -86,7 +96,7 @@ class PACNetConfig(PreTrainedConfig):
             if feature.type is FeatureType.VISUAL:
                 raise ValueError(
                     f"expected vectors to perceive, got the images {name!r}: leave them out with "
-                    "--policy.input_features='{\"observation.state\": {...}}', or add to the "
+                    f"--policy.input_features='{json.dumps(self._vectors())}', or add to the "
                     "dataset what an encoder makes of them as a feature observation.NAME"
                 )
             if len(feature.shape) != 1:

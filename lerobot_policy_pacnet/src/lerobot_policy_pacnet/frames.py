@@ -27,10 +27,11 @@ class Frames:
         self.actions = torch.zeros(count, action)  # [N, U]
         self.episode = torch.full((count,), _UNSEEN)  # [N]
         self._tasks: dict[int, tuple[int, str]] = {}  # episode -> its earliest frame, and the task
+        self._count = 0
 
     def __len__(self) -> int:
         """The number of different frames that have come."""
-        return int((self.episode != _UNSEEN).sum())
+        return self._count
 
     @property
     def are_all(self) -> bool:
@@ -70,6 +71,7 @@ class Frames:
                 f"expected finite numbers, got others at index {int(index[~finite][0])} "
                 f"(episode {int(episode[~finite][0])})"
             )
+        self._count += len(index[self.episode[index] == _UNSEEN].unique())
         self.percepts[index], self.actions[index], self.episode[index] = percepts, actions, episode
         for number, frame, task in zip(episode.tolist(), index.tolist(), tasks, strict=True):
             if number not in self._tasks or frame < self._tasks[number][0]:
@@ -108,6 +110,7 @@ class Frames:
     def restore(self, tensors: dict[str, Tensor], tasks: Sequence[Sequence[int | str]]) -> None:
         """Takes in what `tensors` gave."""
         seen = tensors["index"]
+        self._count = len(seen)
         self.episode[seen] = tensors["episode"]
         self.percepts[seen], self.actions[seen] = tensors["percepts"], tensors["actions"]
         self._tasks = {int(number): (int(frame), str(task)) for number, frame, task in tasks}

@@ -62,8 +62,8 @@ class PACNetPolicy(PreTrainedPolicy):
         self._dataset_meta = dataset_meta
         self._training: Training | None = None
         self._is_current = False  # whether the training is that of the metadata
+        self._pass_takes: int | None = None  # steps, once the size of a batch is known
         self._actors: list[Actor] = []
-        self._actors_of: Imitator | None = None
 
     @property
     def imitator(self) -> Imitator | None:
@@ -86,11 +86,12 @@ class PACNetPolicy(PreTrainedPolicy):
                 finite.
         """
         percepts = self._percepts(batch)
-        if self.training:
-            self._learn(batch, percepts)
-        novelty, imitator = 1.0, self.imitator
-        if imitator is not None:
-            with torch.no_grad():
+        novelty = 1.0
+        with torch.no_grad(), torch.autocast("cpu", enabled=False):  # distances need their digits
+            if self.training:
+                self._learn(batch, percepts)
+            imitator = self.imitator
+            if imitator is not None:
                 novelty = float(1 - imitator.network(percepts).activation.mean())
         nodes = 0 if imitator is None else len(imitator.network.sofm)
         return novelty + 0 * self.anchor.sum(), {"nodes": float(nodes)}
@@ -105,8 +106,9 @@ class PACNetPolicy(PreTrainedPolicy):
     def reset(self) -> None:
         """Starts a new recall episode; what was learned stays."""
         self.last_steps = []
-        for actor in self._actors:
-            actor.reset()
+        if self.imitator is not None:  # gets ready for one robot, unless there are more already
+            for actor in self._actors_for(len(self._actors) or 1):
+                actor.reset()
 
     @torch.no_grad()
     def select_action(self, batch: dict[str, Any], **_: Any) -> Tensor:
@@ -159,6 +161,11 @@ class PACNetPolicy(PreTrainedPolicy):
         if self._training is not None:
             self._training.save(Path(save_directory))
             logger.info("saved %s", self._training)
+            if not self._training.is_finished:
+                logger.warning(
+                    "this is an unfinished pass; a whole one takes %s steps of this batch size",
+                    self._pass_takes,
+                )
 
     def _learn(self, batch: dict[str, Any], percepts: Tensor) -> None:
         _check_alone()
@@ -173,8 +180,12 @@ class PACNetPolicy(PreTrainedPolicy):
         was_finished = training.is_finished
         tasks = list(batch.get("task", [""] * len(index)))
         training.add(index, episode, percepts, actions, tasks)
+        self._pass_takes = -(-training.dataset.frames // len(index))
         if training.is_finished and not was_finished:
-            logger.info("%s: further steps of training change nothing", training)
+            logger.info(
+                "%s: further steps change nothing, and what was learned is saved when training "
+                "saves (--steps=%d ends with a whole pass)", training, self._pass_takes
+            )  # fmt: skip
 
     def _training_of(self, meta: Any) -> Training:
         """The training that goes on, or that begins because the dataset is another."""
@@ -207,8 +218,8 @@ class PACNetPolicy(PreTrainedPolicy):
         imitator = self.imitator
         if imitator is None:
             raise ValueError("expected a taught policy to act, got one that has learned nothing")
-        if len(self._actors) != rows or self._actors_of is not imitator:
-            self._actors, self._actors_of = [Actor(imitator) for _ in range(rows)], imitator
+        if len(self._actors) != rows or not all(actor.knows(imitator) for actor in self._actors):
+            self._actors = [Actor(imitator) for _ in range(rows)]
         return self._actors
 
     def _percepts(self, batch: dict[str, Any]) -> Tensor:
@@ -220,6 +231,8 @@ class PACNetPolicy(PreTrainedPolicy):
                 f"expected as many rows of each feature, got {[len(row) for row in rows]} "
                 f"of {list(features)}"
             )
+        if len(rows[0]) == 0:
+            raise ValueError("expected a batch of at least one row, got none")
         return torch.cat(rows, dim=1)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 
 # [pixels]; LeRobot keeps those of ten whole episodes in memory at a time.
-PICTURE = {"width": 320, "height": 180}
+PICTURE = {"width": 320, "height": 176}  # whole blocks of 16, as videos want them
 ENERGY = 0.5  # mean wall energy of an episode that is a success
 _CHECKOUT = Path(__file__).resolve().parents[3]  # if the plugin was installed from one, editable
 

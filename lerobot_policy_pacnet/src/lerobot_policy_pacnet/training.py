@@ -87,19 +87,30 @@ class Training:
         self.frames.add(index, episode, percepts, actions, tasks)
         if self.frames.are_all:
             self.consolidate()
-        elif len(self.frames) >= max(ENOUGH, 2 * self._tried):
+        elif self._learns_from_parts and len(self.frames) >= max(ENOUGH, 2 * self._tried):
             with suppress(ValueError):  # there may be enough to learn from later
                 self.consolidate()
+
+    @property
+    def _learns_from_parts(self) -> bool:
+        """Whether a frame says something without its neighbours: its action does."""
+        return self.config.targets == "action"
 
     def consolidate(self) -> None:
         """Makes the imitator what the base becomes by watching all that came, in order.
 
+        Where targets are states, that is once all frames have come: which state followed which
+        action cannot be seen before.
+
         Raises:
             ValueError: nothing can be learned from that; the imitator is what it was.
         """
-        count = self._tried = len(self.frames)
+        count = len(self.frames)
         if self.is_finished or count == self._learned:
             return
+        if not (self._learns_from_parts or self.frames.are_all):
+            return
+        self._tried = count
         state = len(next(iter(self.dataset.names.values())))
         shown = self.frames.episodes(state)
         new = self._demonstrations([one for one in shown if content_of(one) not in self.known])
