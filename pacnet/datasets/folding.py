@@ -72,14 +72,26 @@ def find_dataset(root: Path, recording: Recording) -> Dataset:
     """The dataset that a recording is appended to, or a new one.
 
     Raises:
-        DatasetError: The dataset cannot be read, or its files contradict one another.
+        DatasetError: The dataset cannot be read, or its files contradict one another, or there
+            are some without `meta/info.json`.
         ValueError: It is of something else.
     """
     if not (root / INFO).exists():
+        _check_begun(root)
         return new_dataset(recording)
     dataset = read_dataset(root)
     check_same(root, dataset.info, recording)
     return dataset
+
+
+def _check_begun(root: Path) -> None:
+    """Refuse to begin a dataset over the files of one that has lost its description."""
+    for folder in (root / "data", root / "meta"):
+        if any(path.is_file() for path in folder.rglob("*")):
+            raise DatasetError(
+                f"{root} has files in {folder.name}/ and no {INFO}: bring it back, or move data/ "
+                "and meta/ away to begin a new dataset"
+            )
 
 
 def _stage_files(root: Path, dataset: Dataset, episodes: Sequence[Path], stage: Stage) -> None:
