@@ -103,6 +103,14 @@ def test_fps_may_be_an_integer_of_numpy(tmp_path: Path):
         ({"action": ()}, "'action' to have distinct dimension names"),
         ({"action": ("x", "x")}, "'action' to have distinct dimension names"),
         ({"action": "xy"}, "'action' to have distinct dimension names"),
+        ({"action": {"x", "y"}}, "'action' to have .* names as text, in a list or tuple, got {"),
+        ({"action": 2}, "'action' to have .* names as text, in a list or tuple, got 2$"),
+        ({"action": None}, "'action' to have .* names as text, in a list or tuple, got None$"),
+        ({"action": Feature({"x": 0})}, "got {'x': 0}: give its names alone, or a Feature"),  # pyright: ignore
+        (
+            {"action": {"dtype": "float32", "shape": (2,), "names": ["x", "y"]}},
+            "'action' to have .*, got {'dtype': .*}: give its names alone, or a Feature",
+        ),
         ({"action": Feature(("x",), "float16")}, "'action' of dtype float32, int64, bool, got 'fl"),
     ],
 )

@@ -78,8 +78,8 @@ def checked_features(features: Mapping[str, Sequence[str] | Feature]) -> dict[st
     """The features by name, those given by the names of their dimensions alone as float32.
 
     Raises:
-        ValueError: There is none, one is without dimensions, has two of one name or is of another
-            dtype, or its name is one that LeRobot cannot store.
+        ValueError: There is none, one is without dimensions, has two of one name, no list or tuple
+            of them, or another dtype, or its name is one that LeRobot cannot store.
     """
     if not features:
         raise ValueError("expected at least one feature, got none")
@@ -93,14 +93,22 @@ def _checked_feature(name: str, told: Sequence[str] | Feature) -> Feature:
             f"got {name!r}"
         )
     names, dtype = (told.names, told.dtype) if isinstance(told, Feature) else (told, "float32")
-    listed = not isinstance(names, str) and all(map(is_text, names))
-    if not listed or not names or len(set(names)) != len(names):
+    if not _are_names(names):
+        hint = ": give its names alone, or a Feature" if isinstance(names, Mapping) else ""
         raise ValueError(
-            f"expected {name!r} to have distinct dimension names as text, got {names!r}"
+            f"expected {name!r} to have distinct dimension names as text, in a list or tuple, "
+            f"got {names!r}{hint}"
         )
     if dtype not in _STORED:
         raise ValueError(f"expected {name!r} of dtype {', '.join(_STORED)}, got {dtype!r}")
     return Feature(tuple(names), dtype)
+
+
+def _are_names(names: object) -> bool:
+    """Whether these name dimensions; LeRobot's description of a feature would by its keys."""
+    if not isinstance(names, list | tuple) or not names:
+        return False
+    return all(map(is_text, names)) and len(set(names)) == len(names)
 
 
 def checked_frames(
