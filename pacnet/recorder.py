@@ -13,7 +13,7 @@ from typing import Self, SupportsIndex
 
 from numpy.typing import ArrayLike
 
-from pacnet.datasets.folding import find_dataset, fold
+from pacnet.datasets.folding import check_ready, fold
 from pacnet.datasets.journal import Journal, has_journal
 from pacnet.datasets.recording import Feature, checked_frames, checked_recording, is_text
 from pacnet.interrupts import interrupts_held_back
@@ -74,8 +74,8 @@ class Recorder:
         Raises:
             FileExistsError: There is something at `root` that is no dataset.
             BlockingIOError: Another recording into the dataset goes on.
-            DatasetError: The dataset or its journal cannot be read, or its files contradict one
-                another.
+            DatasetError: The dataset or its journal cannot be read, its files contradict one
+                another, or its frames have gaps, numbers that are not finite or no episode.
             ValueError: Its frames per second, features or robot are others.
             RuntimeError: The `with` block is open already.
         """
@@ -85,7 +85,7 @@ class Recorder:
             with interrupts_held_back():
                 self._journal = Journal(self._root)
                 fold(self._journal)
-                find_dataset(self._root, self._recording)
+                check_ready(self._root, self._recording)
         except BaseException:
             self._close()
             raise
