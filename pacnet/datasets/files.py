@@ -21,7 +21,7 @@ from pacnet.datasets.lerobot_files import (
     read_description,
     told_names,
 )
-from pacnet.datasets.recording import RESERVED, Recording
+from pacnet.datasets.recording import RESERVED, STORED, Recording
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -186,9 +186,16 @@ def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
     """Refuse to append a recording to a dataset of something else.
 
     Raises:
-        ValueError: The frames per second, the features or the robot's type differ.
+        ValueError: The frames per second, the features or the robot's type differ, or there are
+            features that no recording has.
     """
     there = {name: told for name, told in info["features"].items() if name not in RESERVED}
+    for name, told in there.items():
+        if told["dtype"] not in STORED:
+            raise ValueError(
+                f"expected a dataset of {', '.join(STORED)}, which is what Recorder stores: with "
+                f"{name!r} being {told['dtype']}, {root} cannot be appended to with it"
+            )
     if recording.fps != info["fps"]:
         raise ValueError(f"expected fps {info['fps']} as in {root}, got {recording.fps}")
     if set(there) != set(recording.features):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 # Columns that LeRobot's format fills in by itself.
 RESERVED = ("timestamp", "frame_index", "episode_index", "index", "task_index", "task")
-_STORED = {
+STORED = {
     "float32": "float32 or float64",
     "int64": "integers",
     "bool": "booleans",
@@ -99,8 +99,8 @@ def _checked_feature(name: str, told: Sequence[str] | Feature) -> Feature:
             f"expected {name!r} to have distinct dimension names as text, in a list or tuple, "
             f"got {names!r}{hint}"
         )
-    if dtype not in _STORED:
-        raise ValueError(f"expected {name!r} of dtype {', '.join(_STORED)}, got {dtype!r}")
+    if dtype not in STORED:
+        raise ValueError(f"expected {name!r} of dtype {', '.join(STORED)}, got {dtype!r}")
     return Feature(tuple(names), dtype)
 
 
@@ -139,7 +139,7 @@ def checked_frames(
 def _checked_rows(name: str, values: ArrayLike, told: Feature) -> NDArray[np.generic]:
     """One feature's values, [T, D] of its dtype, or a ValueError."""
     rows, dimension = np.asarray(values), len(told.names)
-    wanted = f"expected {name!r} as {_STORED[told.dtype]} of shape [T > 0, {dimension}]"
+    wanted = f"expected {name!r} as {STORED[told.dtype]} of shape [T > 0, {dimension}]"
     if not _accepted(rows.dtype, told.dtype):
         raise ValueError(f"{wanted}, got dtype {rows.dtype}")
     if rows.ndim != 2 or rows.shape[1] != dimension or len(rows) == 0:
