@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pacnet.datasets.folding import fold
 from pacnet.datasets.journal import Journal, check_folded
-from pacnet.datasets.lerobot_files import DatasetError
+from pacnet.datasets.lerobot_files import DatasetError, read_parquet
 from pacnet.datasets.recording import Feature
 from pacnet.demonstrations import load_demonstrations
 from pacnet.durable import put_in_place
@@ -506,6 +506,24 @@ def test_statistics_do_not_cancel(tmp_path: Path):
     assert statistic(tmp_path, "std")[0] == pytest.approx(float(variance) ** 0.5, rel=1e-9)
     assert statistic(tmp_path, "std")[1] == 0
     assert statistic(tmp_path, "mean")[1] == np.float32(0.73)
+
+
+def test_statistics_read_each_file_of_frames_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    record(tmp_path / "new", episode(0))
+    record(tmp_path / "new", episode(1))
+    read: list[Path] = []
+
+    def note_and_read(path: Path, *columns: Any) -> Any:
+        read.append(path)
+        return read_parquet(path, *columns)
+
+    monkeypatch.setattr("pacnet.datasets.lerobot_files.read_parquet", note_and_read)
+    record(tmp_path / "new", episode(2))
+
+    old = tmp_path / "new/data/chunk-000"
+    assert [path for path in read if old in path.parents] == [
+        old / "file-000.parquet", old / "file-001.parquet",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("held", [1, 80, 10**6])

@@ -4,7 +4,7 @@ New frames and episodes go to the next files of their kind, as with LeRobot's ow
 take all files in `data/` and `meta/episodes/`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -177,9 +177,18 @@ def _check_counts(root: Path, dataset: Dataset, episodes: int, frames: int) -> N
         )
 
 
-def read_column(paths: Sequence[Path], name: str, dimension: int) -> NDArray[np.generic]:
-    """A feature of all frames in these files, [N, D]."""
-    return np.concatenate([read_columns(path, {name: dimension})[name] for path in paths])
+def features_of(
+    paths: Sequence[Path], dimensions: Mapping[str, int]
+) -> Iterator[tuple[str, NDArray[np.generic]]]:
+    """Each feature of all frames in these files, [N, D]; every file is read once.
+
+    Args:
+        paths: The files.
+        dimensions: Name of each feature -> D.
+    """
+    files = [read_columns(path, dimensions) for path in paths]
+    for name in dimensions:
+        yield name, np.concatenate([columns.pop(name) for columns in files])
 
 
 def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:

@@ -17,8 +17,8 @@ from pacnet.datasets.files import (
     Dataset,
     FileNumber,
     check_same,
+    features_of,
     new_dataset,
-    read_column,
     read_dataset,
 )
 from pacnet.datasets.frame_files import FrameFiles
@@ -130,8 +130,8 @@ def _stage_files(root: Path, dataset: Dataset, episodes: Sequence[Path], stage: 
 def _statistics_of(files: Sequence[Path], features: Mapping[str, Any]) -> dict[str, Any]:
     """The statistics of all frames in these files, by feature."""
     found = {}
-    for name, told in features.items():
-        rows = read_column(files, name, told["shape"][0])
+    dimensions = {name: told["shape"][0] for name, told in features.items()}
+    for name, rows in features_of(files, dimensions):
         if not np.isfinite(rows).all():  # and the statistics of its episode do not say so
             raise DatasetError(f"expected finite numbers in {name!r}, found others in old frames")
         found[name] = statistics(rows)
