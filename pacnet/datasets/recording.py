@@ -127,8 +127,7 @@ def checked_frames(
         ValueError: A feature is missing or unknown, or an array is of another shape or dtype,
             empty, not finite in float32, beyond int64, or not as long as the others.
     """
-    if set(frames) != set(features):
-        raise ValueError(f"expected the features {sorted(features)}, got {sorted(frames)}")
+    _check_given(features, frames)
     columns = {name: _checked_rows(name, frames[name], told) for name, told in features.items()}
     lengths = {name: len(rows) for name, rows in columns.items()}
     if len(set(lengths.values())) != 1:
@@ -136,33 +135,73 @@ def checked_frames(
     return columns
 
 
+def checked_frame(
+    features: Mapping[str, Feature], frame: Mapping[str, ArrayLike]
+) -> dict[str, NDArray[np.generic]]:
+    """One frame's vectors as they are stored, copied.
+
+    Args:
+        features: Feature name -> what it holds, at least one feature.
+        frame: Feature name -> its values, [D]; where D is 1, a number will do.
+
+    Returns:
+        Feature name -> its values, [D] of the feature's dtype.
+
+    Raises:
+        ValueError: A feature is missing or unknown, or its values are of another shape or dtype,
+            not finite in float32, or beyond int64.
+    """
+    _check_given(features, frame)
+    return {name: _checked_row(name, frame[name], told) for name, told in features.items()}
+
+
+def _check_given(features: Mapping[str, Feature], given: Mapping[str, ArrayLike]) -> None:
+    if set(given) != set(features):
+        raise ValueError(f"expected the features {sorted(features)}, got {sorted(given)}")
+
+
 def _checked_rows(name: str, values: ArrayLike, told: Feature) -> NDArray[np.generic]:
     """One feature's values, [T, D] of its dtype, or a ValueError."""
-    rows, dimension = np.asarray(values), len(told.names)
+    dimension = len(told.names)
     wanted = f"expected {name!r} as {STORED[told.dtype]} of shape [T > 0, {dimension}]"
-    if not _accepted(rows.dtype, told.dtype):
-        raise ValueError(f"{wanted}, got dtype {rows.dtype}")
+    rows = _array(values, told.dtype, wanted)
     if rows.ndim != 2 or rows.shape[1] != dimension or len(rows) == 0:
         raise ValueError(f"{wanted}, got shape {list(rows.shape)}")
-    if told.dtype == "float32":
-        return _checked_floats(rows, wanted)
+    return _stored(rows, told.dtype, wanted)
+
+
+def _checked_row(name: str, values: ArrayLike, told: Feature) -> NDArray[np.generic]:
+    """One feature's values in a frame, [D] of its dtype, or a ValueError."""
+    dimension = len(told.names)
+    wanted = f"expected {name!r} as {STORED[told.dtype]} of shape [{dimension}]"
+    row = _array(values, told.dtype, wanted)
+    if dimension == 1 and row.ndim == 0:
+        row = row[None]
+    if row.shape != (dimension,):
+        raise ValueError(f"{wanted}, got shape {list(row.shape)}")
+    return _stored(row, told.dtype, wanted)
+
+
+def _array(values: ArrayLike, stored: str, wanted: str) -> NDArray[np.generic]:
+    """Values of a dtype that is accepted for the one that is stored."""
+    rows = np.asarray(values)
+    if stored == "float32":
+        accepted = rows.dtype in (np.float32, np.float64)
+    else:
+        accepted = rows.dtype.kind in ("iu" if stored == "int64" else "b")
+    if not accepted:
+        raise ValueError(f"{wanted}, got dtype {rows.dtype}")
+    return rows
+
+
+def _stored(rows: NDArray[np.generic], dtype: str, wanted: str) -> NDArray[np.generic]:
+    """A copy in the dtype that is stored, which holds all of the values."""
     if rows.dtype == np.uint64 and rows.max() > np.iinfo(np.int64).max:
         raise ValueError(f"{wanted} below 2**63, got {rows.max()}")
-    return np.ascontiguousarray(rows, dtype=told.dtype)
-
-
-def _accepted(given: np.dtype, stored: str) -> bool:
-    if stored == "float32":
-        return given in (np.float32, np.float64)
-    return given.kind in ("iu" if stored == "int64" else "b")
-
-
-def _checked_floats(rows: NDArray[np.generic], wanted: str) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused
-        floats = np.ascontiguousarray(rows, dtype=np.float32)
-    bad = np.argwhere(~np.isfinite(floats))
+        copy = np.array(rows, dtype=dtype, order="C")
+    bad = np.argwhere(~np.isfinite(copy))
     if len(bad):
-        raise ValueError(
-            f"{wanted} and finite, got {len(bad)} others, the first in row {bad[0][0]}"
-        )
-    return floats
+        others = f"{len(bad)} others, the first in row {bad[0][0]}"
+        raise ValueError(f"{wanted} and finite, got {others if rows.ndim == 2 else rows.tolist()}")
+    return copy
