@@ -20,6 +20,8 @@ from pacnet.datasets.journal import Journal, has_journal
 from pacnet.datasets.recording import Feature, checked_frames, checked_recording, is_text
 from pacnet.interrupts import interrupts_held_back
 
+__all__ = ["Feature", "Recorder", "recover"]
+
 
 class Recorder:
     """Records demonstrations, into a new dataset or at the end of one; a context manager.
@@ -34,6 +36,8 @@ class Recorder:
 
     Example:
         ```python
+        from pacnet.recorder import Feature, Recorder
+
         features = {
             "observation.state": ("shoulder", "elbow"),
             "action": ("shoulder", "elbow"),

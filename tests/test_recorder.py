@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import torch
 from checkers import assert_clean
 from numpy.typing import NDArray
 
@@ -97,7 +98,10 @@ def test_fps_may_be_an_integer_of_numpy(tmp_path: Path):
 @pytest.mark.parametrize(
     ("features", "message"),
     [
-        ({}, "at least one feature"),
+        ({}, "at least one feature in a mapping, got {}"),
+        ([("action", ("x",))], "at least one feature in a mapping, got \\["),
+        ({"": ("x",)}, "not empty, and other than .*, got ''"),
+        ({"..": ("x",)}, "other than '.', '..', .*, got '..'"),
         ({"a/b": ("x",)}, "without '/'.*got 'a/b'"),
         ({"timestamp": ("x",)}, "got 'timestamp'"),
         ({"action": ()}, "'action' to have distinct dimension names"),
@@ -379,6 +383,12 @@ BAD_EPISODES = {
     "shorter": (spoilt("action", np.zeros((4, 1))), "as many frames .*'action': 4"),
     "unknown": (spoilt("torque", np.zeros((5, 1))), r"expected the features \['action'.*torque"),
     "missing": ({"action": np.zeros((5, 1))}, r"got \['action'\]"),
+    "number as a name": (episode(1) | {1: np.zeros((5, 1))}, r"got \['1', 'action'"),  # pyright: ignore
+    "no mapping": ([*episode(1).items()], "with their values in a mapping, got list"),
+    "gradients": (spoilt("action", torch.zeros(5, 1, requires_grad=True)), "'action'.*grad"),
+    "bfloat16": (spoilt("action", torch.zeros(5, 1).bfloat16()), "'action'.*BFloat16"),
+    "ragged": (spoilt("action", [[1.0], [1.0, 2.0]]), "'action'.*inhomogeneous"),
+    "masked": (spoilt("action", np.ma.zeros((5, 1), "f4")), "'action'.*got a masked array"),
 }
 
 

@@ -81,16 +81,16 @@ def checked_features(features: Mapping[str, Sequence[str] | Feature]) -> dict[st
         ValueError: There is none, one is without dimensions, has two of one name, no list or tuple
             of them, or another dtype, or its name is one that LeRobot cannot store.
     """
-    if not features:
-        raise ValueError("expected at least one feature, got none")
+    if not isinstance(features, Mapping) or not features:
+        raise ValueError(f"expected at least one feature in a mapping, got {features!r}")
     return {name: _checked_feature(name, told) for name, told in features.items()}
 
 
 def _checked_feature(name: str, told: Sequence[str] | Feature) -> Feature:
-    if not is_text(name) or name in RESERVED or "/" in name:
+    if not is_text(name) or name in (*RESERVED, "", ".", "..") or "/" in name:
         raise ValueError(
-            f"expected feature names as text without '/' and other than {', '.join(RESERVED)}, "
-            f"got {name!r}"
+            f"expected feature names as text without '/', not empty, and other than '.', '..', "
+            f"{', '.join(RESERVED)}, got {name!r}"
         )
     names, dtype = (told.names, told.dtype) if isinstance(told, Feature) else (told, "float32")
     if not _are_names(names):
@@ -156,8 +156,11 @@ def checked_frame(
 
 
 def _check_given(features: Mapping[str, Feature], given: Mapping[str, ArrayLike]) -> None:
+    wanted = f"expected the features {sorted(features)}"
+    if not isinstance(given, Mapping):
+        raise ValueError(f"{wanted} with their values in a mapping, got {type(given).__name__}")
     if set(given) != set(features):
-        raise ValueError(f"expected the features {sorted(features)}, got {sorted(given)}")
+        raise ValueError(f"{wanted}, got {sorted(map(str, given))}")
 
 
 def _checked_rows(name: str, values: ArrayLike, told: Feature) -> NDArray[np.generic]:
@@ -184,7 +187,12 @@ def _checked_row(name: str, values: ArrayLike, told: Feature) -> NDArray[np.gene
 
 def _array(values: ArrayLike, stored: str, wanted: str) -> NDArray[np.generic]:
     """Values of a dtype that is accepted for the one that is stored."""
-    rows = np.asarray(values)
+    if isinstance(values, np.ma.MaskedArray):
+        raise ValueError(f"{wanted}, got a masked array, which has gaps")
+    try:
+        rows = np.asarray(values)
+    except (RuntimeError, TypeError, ValueError) as error:  # tensors with gradients, ragged rows
+        raise ValueError(f"{wanted}, got what numpy cannot take: {error}") from None
     if stored == "float32":
         accepted = rows.dtype in (np.float32, np.float64)
     else:
