@@ -633,6 +633,45 @@ def test_a_dataset_without_names_is_appended_to(tmp_path: Path):
     assert json.loads(path.read_text())["features"] == info["features"]
 
 
+def test_a_feature_without_names_has_its_length(tmp_path: Path):
+    record(tmp_path / "new", episode(0))
+    path = tmp_path / "new/meta/info.json"
+    info = json.loads(path.read_text())
+    info["features"]["observation.state"]["names"] = None
+    path.write_text(json.dumps(info))
+    before = files_of(tmp_path / "new")
+    for names in (("x", "y"), ("x", "y", "z", "w")):
+        features = FEATURES | {"observation.state": names}
+        with pytest.raises(
+            ValueError,
+            match=r"'observation.state' as float32 of \['shape \[3\]'\] as in .*\['x', 'y'",
+        ):
+            Recorder(tmp_path / "new", 10, features).__enter__()
+    assert before == files_of(tmp_path / "new")
+
+
+def test_the_description_counts_what_was_appended(tmp_path: Path):
+    for numbers in ((0, 1), (2, 3, 4)):
+        with Recorder(tmp_path / "new", 10, FEATURES) as recorder:
+            for number in numbers:
+                recorder.save_episode(f"task {number % 3}", episode(number, length=number + 1))
+
+    told = json.loads((tmp_path / "new/meta/info.json").read_text())
+    assert told["splits"] == {"train": "0:5"}
+    counts = (told["total_episodes"], told["total_frames"], told["total_tasks"])
+    assert counts == (5, 1 + 2 + 3 + 4 + 5, 3)
+
+
+def test_time_runs_from_0_in_each_episode(tmp_path: Path):
+    for length in (3, 2):
+        with Recorder(tmp_path / "new", 30, FEATURES) as recorder:
+            recorder.save_episode("task", episode(0, length))
+
+    files = sorted((tmp_path / "new/data").rglob("*.parquet"))
+    times = [time for path in files for time in pq.read_table(path)["timestamp"].to_pylist()]
+    assert times == pytest.approx([0, 1 / 30, 2 / 30, 0, 1 / 30], rel=1e-7)
+
+
 def test_frames_go_to_another_file_before_one_grows_too_large(tmp_path: Path):
     record(tmp_path / "new", episode(0))
     path = tmp_path / "new/meta/info.json"
