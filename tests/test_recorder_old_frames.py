@@ -1,5 +1,6 @@
 """Claims about datasets that are opened for appending, and whose old frames are not as they say."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 from pacnet.datasets.lerobot_files import DatasetError
 from pacnet.datasets.tables import json_bytes
 from pacnet.demonstrations import load_demonstrations
-from pacnet.recorder import Recorder
+from pacnet.recorder import Recorder, recover
 
 FEATURES = {"observation.state": ("x", "y"), "action": ("push",)}
 FRAMES = "data/chunk-000/file-000.parquet"
@@ -23,11 +24,15 @@ def without_waiting_for_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.fsync", lambda _: None)
 
 
+def save(recorder: Recorder, *numbers: int) -> None:
+    for number in numbers:
+        rows = np.full((3, 3), number, "f4")
+        recorder.save_episode("task", {"observation.state": rows[:, :2], "action": rows[:, 2:]})
+
+
 def record(root: Path, *numbers: int) -> None:
     with Recorder(root, 10, FEATURES) as recorder:
-        for number in numbers:
-            rows = np.full((3, 3), number, "f4")
-            recorder.save_episode("task", {"observation.state": rows[:, :2], "action": rows[:, 2:]})
+        save(recorder, *numbers)
 
 
 @pytest.fixture
@@ -117,6 +122,25 @@ def test_a_file_without_episodes_that_is_written_over_may_stay(root: Path):
 
     read = load_demonstrations(root)
     assert [one.action[0].item() for one in read] == [0, 1, 2, 3]
+
+
+def test_what_a_journal_writes_over_may_be_several_files(root: Path):
+    """As a kill leaves them while they are moved, before somebody else appends."""
+    path = root / "meta/info.json"
+    info = json.loads(path.read_text())
+    path.write_text(json.dumps(info | {"data_files_size_in_mb": 1e-6}))  # a file for each episode
+    old = (root / FRAMES).read_bytes()
+    files = [root / f"data/chunk-000/file-00{number}.parquet" for number in (2, 3, 4)]
+    recorder = Recorder(root, 10, FEATURES).__enter__()
+    save(recorder, 3, 4)
+    for file in files:
+        file.write_bytes(old)
+    with pytest.raises(DatasetError, match=r"file-004.parquet holds frames of no episode"):
+        recorder.__exit__()
+    files[-1].unlink()
+
+    assert recover(root) == 2
+    assert [one.action[0].item() for one in load_demonstrations(root)] == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])

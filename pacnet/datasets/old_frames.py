@@ -87,16 +87,19 @@ def _check_chunk(rows: int, column: "pq.ColumnChunkMetaData", dimension: int) ->
 
 
 def _check_extremes(path: Path, features: Iterable[str]) -> None:
-    table = read_parquet(path)
-    for feature in features:
-        for name in (f"stats/{feature}/min", f"stats/{feature}/max"):
-            if name in table.column_names and not _is_finite(table[name]):
-                rows = range(len(table))
-                row = next(row for row in rows if not _is_finite(table[name].slice(row, 1)))
-                raise DatasetError(
-                    f"{path}: expected finite numbers in {feature!r}, found others in episode "
-                    f"{table['episode_index'][row]}"
-                )
+    import pyarrow.parquet as pq
+
+    there = pq.read_schema(path).names
+    names = {f"stats/{feature}/{name}": feature for feature in features for name in ("min", "max")}
+    table = read_parquet(path, ["episode_index", *(name for name in names if name in there)])
+    for name in table.column_names[1:]:
+        rows = table[name]
+        if not _is_finite(rows):
+            row = next(row for row in range(len(rows)) if not _is_finite(rows.slice(row, 1)))
+            raise DatasetError(
+                f"{path}: expected finite numbers in {names[name]!r}, found others in episode "
+                f"{table['episode_index'][row]}"
+            )
 
 
 def _is_finite(column: "pa.ChunkedArray") -> bool:
