@@ -209,7 +209,7 @@ def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
             f"{wanted}, found {dtype}s of shape {shape}: percepts are made of them by an encoder, "
             f"load_demonstrations(..., encoders={{{feature!r}: encoder}})"
         )
-    if not re.match("float|int|bool", str(dtype)) or not _is_vector_shape(shape):
+    if not re.match("float|u?int|bool", str(dtype)) or not _is_vector_shape(shape):
         raise DatasetError(f"{wanted}, found dtype {dtype}, shape {shape}")
     return tuple(told_names(description) or map(str, range(shape[0])))
 

@@ -3,7 +3,8 @@
 An episode goes to the journal in the dataset's folder (`pacnet.datasets.journal`) and is on the
 disk when `save_episode` returns. The journal is folded into the dataset when the recording is
 closed; where the process was killed before, by the next `Recorder` of the dataset or by `recover`.
-Writing needs pyarrow alone.
+An episode that is recorded frame by frame is in memory until it is saved. Writing needs pyarrow
+alone.
 """
 
 import threading
@@ -13,24 +14,30 @@ from typing import Self, SupportsIndex
 
 from numpy.typing import ArrayLike
 
-from pacnet.datasets.folding import find_dataset, fold
+from pacnet.datasets.episode_buffer import EpisodeBuffer
+from pacnet.datasets.folding import check_ready, fold
 from pacnet.datasets.journal import Journal, has_journal
 from pacnet.datasets.recording import Feature, checked_frames, checked_recording, is_text
 from pacnet.interrupts import interrupts_held_back
+
+__all__ = ["Feature", "Recorder", "recover"]
 
 
 class Recorder:
     """Records demonstrations, into a new dataset or at the end of one; a context manager.
 
     When the `with` block is left, normally, by an exception or by Ctrl-C, every episode saved so
-    far is in the dataset. Of a new dataset without any, nothing stays on disk. Leaving it reads all
-    frames of the dataset, also those recorded before: the cost of exact statistics.
+    far is in the dataset, and frames of an unfinished one are dropped. Of a new dataset without any
+    episode, nothing stays on disk. Leaving the block reads all frames of the dataset, also those
+    recorded before: the cost of exact statistics.
 
     Annotations such as `novelty` and `winner` are features like others. LeRobot's policies learn
     from whatever is called `observation*` or `action*`, so these are not.
 
     Example:
         ```python
+        from pacnet.recorder import Feature, Recorder
+
         features = {
             "observation.state": ("shoulder", "elbow"),
             "action": ("shoulder", "elbow"),
@@ -40,6 +47,15 @@ class Recorder:
         }
         with Recorder("drinking", fps=50, features=features) as recorder:
             recorder.save_episode("drink", {"observation.state": state, "action": action, ...})
+        ```
+        Or frame by frame, as in a control loop:
+        ```python
+        with Recorder("waving", fps=50, features=features) as recorder:
+            while not finished():
+                state = measure()
+                action = act(state)
+                recorder.add_frame({"observation.state": state, "action": action, ...})
+            recorder.save_episode("wave")  # or clear_episode(), to try again
         ```
     """
 
@@ -67,6 +83,7 @@ class Recorder:
         self._recording = checked_recording(fps, features, robot_type)
         self._journal: Journal | None = None  # while the `with` block is open
         self._turn = threading.Lock()  # of the threads that save
+        self._added = EpisodeBuffer(self._recording.features)
 
     def __enter__(self) -> Self:
         """Open the dataset, after recovering what a killed process recorded into it.
@@ -74,8 +91,8 @@ class Recorder:
         Raises:
             FileExistsError: There is something at `root` that is no dataset.
             BlockingIOError: Another recording into the dataset goes on.
-            DatasetError: The dataset or its journal cannot be read, or its files contradict one
-                another.
+            DatasetError: The dataset or its journal cannot be read, its files contradict one
+                another, or its frames have gaps, numbers that are not finite or no episode.
             ValueError: Its frames per second, features or robot are others.
             RuntimeError: The `with` block is open already.
         """
@@ -85,7 +102,7 @@ class Recorder:
             with interrupts_held_back():
                 self._journal = Journal(self._root)
                 fold(self._journal)
-                find_dataset(self._root, self._recording)
+                check_ready(self._root, self._recording)
         except BaseException:
             self._close()
             raise
@@ -106,7 +123,31 @@ class Recorder:
             finally:
                 self._close()
 
-    def save_episode(self, task: str, frames: Mapping[str, ArrayLike]) -> None:
+    def add_frame(self, frame: Mapping[str, ArrayLike]) -> None:
+        """Add a frame to the episode that `save_episode` saves when it is given none.
+
+        Until then it is in memory, and lost when the process is killed or the `with` block is left.
+
+        Args:
+            frame: Feature name -> its values, [D] of a dtype that `save_episode` takes; where D is
+                1, a number will do. They are copied.
+
+        Raises:
+            ValueError: A feature is missing or unknown, or its values are of another shape or dtype
+                or not finite in float32. The frames before stay.
+            RuntimeError: As `save_episode`.
+        """
+        self._check_open()
+        with self._turn:
+            self._added.add(frame)
+
+    def clear_episode(self) -> None:
+        """Drop the frames added since the last episode."""
+        self._check_open()
+        with self._turn:
+            self._added.clear()
+
+    def save_episode(self, task: str, frames: Mapping[str, ArrayLike] | None = None) -> None:
         """Append a whole episode, which no kill can take back; Ctrl-C waits until it is written.
 
         Threads may save at the same time; they take turns.
@@ -114,21 +155,32 @@ class Recorder:
         Args:
             task: The task in words.
             frames: Feature name -> its values, [T, D]: float32 or float64, stored as float32;
-                integers, stored as int64; or booleans.
+                integers, stored as int64; or booleans. Without, those that were added.
 
         Raises:
             ValueError: The task is empty, a feature is missing or unknown, or an array is of
-                another shape or dtype, empty, not finite in float32, or not as long as the others.
-                Nothing is written then.
+                another shape or dtype, empty, not finite in float32, or not as long as the others;
+                or frames are given while there are added ones, or there are none at all.
+                Nothing is written then, and what was added stays.
             RuntimeError: The `with` block is not open, or was entered by another process.
         """
-        if self._opened().is_forked:
-            raise RuntimeError("expected save_episode in the process that entered the `with` block")
+        self._check_open()
         if not is_text(task) or not task.strip():
             raise ValueError(f"expected the task in words, got {task!r}")
-        columns = checked_frames(self._recording.features, frames)
+        given = None if frames is None else checked_frames(self._recording.features, frames)
         with interrupts_held_back(), self._turn:
+            if given is not None and len(self._added):
+                raise ValueError(
+                    f"expected no frames, as {len(self._added)} were added: save them first, or "
+                    "drop them by clear_episode"
+                )
+            columns = self._added.columns() if given is None else given
             self._opened().add(self._recording, task, columns)
+            self._added.clear()
+
+    def _check_open(self) -> None:
+        if self._opened().is_forked:
+            raise RuntimeError("expected to record in the process that entered the `with` block")
 
     def _opened(self) -> Journal:
         if self._journal is None:
@@ -136,6 +188,7 @@ class Recorder:
         return self._journal
 
     def _close(self) -> None:
+        self._added.clear()
         if self._journal is not None:
             self._journal.close()
             self._journal = None

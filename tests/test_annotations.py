@@ -162,6 +162,15 @@ def test_whole_numbers_and_booleans_come_back_as_they_were(tmp_path: Path):
     assert kinds == expected
 
 
+def test_unsigned_numbers_become_whole_numbers(tmp_path: Path):
+    values = frames() | {"reward": np.arange(16, dtype=np.uint8).reshape(8, 2)}
+    write_annotated(write_source(tmp_path / "source", values), tmp_path / "copy", COLUMNS, added())
+
+    np.testing.assert_array_equal(column(tmp_path / "copy", "reward"), values["reward"])
+    told = json.loads((tmp_path / "copy/meta/info.json").read_text())["features"]
+    assert told["reward"]["dtype"] == "int64"
+
+
 def test_what_the_recorder_wrote_is_copied_as_it_is(tmp_path: Path):
     features = {"action": ("x", "y"), "next.success": Feature(("success",), "bool")}
     success = np.array([[False], [False], [True]])

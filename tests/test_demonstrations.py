@@ -347,12 +347,13 @@ def test_the_task_of_the_first_frame_counts(root):
     assert [one.task for one in load_demonstrations(root)] == ["drink", "wave", "drink"]
 
 
-def test_integers_are_read_as_floats(root):
+@pytest.mark.parametrize("dtype", ["int64", "int8", "uint8", "uint64"])
+def test_integers_are_read_as_floats(root, dtype):
     frames = columns()
-    frames["action"] = np.arange(8)[:, None]
+    frames["action"] = np.arange(8, dtype=dtype)[:, None]
     write_rows(root, frames, list(range(8)), "chunk-000/file-000.parquet")
     features = json.loads((root / "meta/info.json").read_text())["features"]
-    write_info(root, features=features | {"action": {"dtype": "int64", "shape": [1]}})
+    write_info(root, features=features | {"action": {"dtype": dtype, "shape": [1]}})
     action = load_demonstrations(root).episodes[0].action
     assert action.dtype == torch.float32
     assert action.flatten().tolist() == [0, 1, 2, 3]

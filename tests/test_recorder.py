@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import torch
 from checkers import assert_clean
 from numpy.typing import NDArray
 
 from pacnet.datasets.folding import fold
 from pacnet.datasets.journal import Journal, check_folded
-from pacnet.datasets.lerobot_files import DatasetError
+from pacnet.datasets.lerobot_files import DatasetError, read_parquet
 from pacnet.datasets.recording import Feature
 from pacnet.demonstrations import load_demonstrations
 from pacnet.durable import put_in_place
@@ -97,12 +98,23 @@ def test_fps_may_be_an_integer_of_numpy(tmp_path: Path):
 @pytest.mark.parametrize(
     ("features", "message"),
     [
-        ({}, "at least one feature"),
+        ({}, "at least one feature in a mapping, got {}"),
+        ([("action", ("x",))], "at least one feature in a mapping, got \\["),
+        ({"": ("x",)}, "not empty, and other than .*, got ''"),
+        ({"..": ("x",)}, "other than '.', '..', .*, got '..'"),
         ({"a/b": ("x",)}, "without '/'.*got 'a/b'"),
         ({"timestamp": ("x",)}, "got 'timestamp'"),
         ({"action": ()}, "'action' to have distinct dimension names"),
         ({"action": ("x", "x")}, "'action' to have distinct dimension names"),
         ({"action": "xy"}, "'action' to have distinct dimension names"),
+        ({"action": {"x", "y"}}, "'action' to have .* names as text, in a list or tuple, got {"),
+        ({"action": 2}, "'action' to have .* names as text, in a list or tuple, got 2$"),
+        ({"action": None}, "'action' to have .* names as text, in a list or tuple, got None$"),
+        ({"action": Feature({"x": 0})}, "got {'x': 0}: give its names alone, or a Feature"),  # pyright: ignore
+        (
+            {"action": {"dtype": "float32", "shape": (2,), "names": ["x", "y"]}},
+            "'action' to have .*, got {'dtype': .*}: give its names alone, or a Feature",
+        ),
         ({"action": Feature(("x",), "float16")}, "'action' of dtype float32, int64, bool, got 'fl"),
     ],
 )
@@ -371,6 +383,12 @@ BAD_EPISODES = {
     "shorter": (spoilt("action", np.zeros((4, 1))), "as many frames .*'action': 4"),
     "unknown": (spoilt("torque", np.zeros((5, 1))), r"expected the features \['action'.*torque"),
     "missing": ({"action": np.zeros((5, 1))}, r"got \['action'\]"),
+    "number as a name": (episode(1) | {1: np.zeros((5, 1))}, r"got \['1', 'action'"),  # pyright: ignore
+    "no mapping": ([*episode(1).items()], "with their values in a mapping, got list"),
+    "gradients": (spoilt("action", torch.zeros(5, 1, requires_grad=True)), "'action'.*grad"),
+    "bfloat16": (spoilt("action", torch.zeros(5, 1).bfloat16()), "'action'.*BFloat16"),
+    "ragged": (spoilt("action", [[1.0], [1.0, 2.0]]), "'action'.*inhomogeneous"),
+    "masked": (spoilt("action", np.ma.zeros((5, 1), "f4")), "'action'.*got a masked array"),
 }
 
 
@@ -500,6 +518,24 @@ def test_statistics_do_not_cancel(tmp_path: Path):
     assert statistic(tmp_path, "mean")[1] == np.float32(0.73)
 
 
+def test_statistics_read_each_file_of_frames_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    record(tmp_path / "new", episode(0))
+    record(tmp_path / "new", episode(1))
+    read: list[Path] = []
+
+    def note_and_read(path: Path, *columns: Any) -> Any:
+        read.append(path)
+        return read_parquet(path, *columns)
+
+    monkeypatch.setattr("pacnet.datasets.lerobot_files.read_parquet", note_and_read)
+    record(tmp_path / "new", episode(2))
+
+    old = tmp_path / "new/data/chunk-000"
+    assert [path for path in read if old in path.parents] == [
+        old / "file-000.parquet", old / "file-001.parquet",
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize("held", [1, 80, 10**6])
 def test_statistics_of_many_dimensions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: int):
     """However many of them are taken at once: one, two of 40 frames each, or all."""
@@ -595,6 +631,45 @@ def test_a_dataset_without_names_is_appended_to(tmp_path: Path):
 
     assert_holds(tmp_path / "new", episode(0), episode(1))
     assert json.loads(path.read_text())["features"] == info["features"]
+
+
+def test_a_feature_without_names_has_its_length(tmp_path: Path):
+    record(tmp_path / "new", episode(0))
+    path = tmp_path / "new/meta/info.json"
+    info = json.loads(path.read_text())
+    info["features"]["observation.state"]["names"] = None
+    path.write_text(json.dumps(info))
+    before = files_of(tmp_path / "new")
+    for names in (("x", "y"), ("x", "y", "z", "w")):
+        features = FEATURES | {"observation.state": names}
+        with pytest.raises(
+            ValueError,
+            match=r"'observation.state' as float32 of \['shape \[3\]'\] as in .*\['x', 'y'",
+        ):
+            Recorder(tmp_path / "new", 10, features).__enter__()
+    assert before == files_of(tmp_path / "new")
+
+
+def test_the_description_counts_what_was_appended(tmp_path: Path):
+    for numbers in ((0, 1), (2, 3, 4)):
+        with Recorder(tmp_path / "new", 10, FEATURES) as recorder:
+            for number in numbers:
+                recorder.save_episode(f"task {number % 3}", episode(number, length=number + 1))
+
+    told = json.loads((tmp_path / "new/meta/info.json").read_text())
+    assert told["splits"] == {"train": "0:5"}
+    counts = (told["total_episodes"], told["total_frames"], told["total_tasks"])
+    assert counts == (5, 1 + 2 + 3 + 4 + 5, 3)
+
+
+def test_time_runs_from_0_in_each_episode(tmp_path: Path):
+    for length in (3, 2):
+        with Recorder(tmp_path / "new", 30, FEATURES) as recorder:
+            recorder.save_episode("task", episode(0, length))
+
+    files = sorted((tmp_path / "new/data").rglob("*.parquet"))
+    times = [time for path in files for time in pq.read_table(path)["timestamp"].to_pylist()]
+    assert times == pytest.approx([0, 1 / 30, 2 / 30, 0, 1 / 30], rel=1e-7)
 
 
 def test_frames_go_to_another_file_before_one_grows_too_large(tmp_path: Path):

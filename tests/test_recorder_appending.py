@@ -80,6 +80,20 @@ def test_names_that_tell_their_places(tmp_path: Path):
         record(tmp_path / "new", 2, features=FEATURES | {"action": tuple(names)})
 
 
+@pytest.mark.parametrize("dtype", ["float64", "int32", "image", "video"])
+def test_a_feature_that_no_recorder_stores(tmp_path: Path, dtype: str):
+    """There is no way to append then: it is of no use to ask for the same feature."""
+    record(tmp_path / "new", 0)
+    change_info(tmp_path / "new", lambda info: info["features"]["action"].update(dtype=dtype))
+    message = (
+        f"which is what Recorder stores: with 'action' being {dtype}, .*new cannot be appended"
+    )
+    with pytest.raises(ValueError, match=message):
+        record(tmp_path / "new", 1)
+    with pytest.raises(ValueError, match=message):
+        record(tmp_path / "new", 1, features={"observation.state": ("x", "y")})
+
+
 @pytest.fixture(params=["lerobot_044", "lerobot_061"])
 def empty(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A dataset as LeRobot leaves it that has recorded nothing: its description, and no more."""

@@ -76,9 +76,10 @@ def test_a_fold_rests_on_nothing_that_is_not_on_the_disk(
     moved = {path: at for at, (kind, path) in enumerate(events) if kind == "to"}
     listed = moved[journal / "fold.json"]
     assert len(moved) == 6  # info, statistics, tasks, episodes, frames, and the list of them
+    deleted = events.index(("delete", journal / "episode-000000.arrow"))
     for target, at in moved.items():
         assert ("flush", events[at - 1][1]) in events[:at]
-        last = len(events) if target in (info, journal / "fold.json") else moved[info]
+        last = deleted if at >= moved[info] - 2 else moved[info]
         assert ("flush", target.parent) in events[at:last]
     assert ("flush", journal) in events[listed : min(set(moved.values()) - {listed})]
     assert events[: listed - 2].index(("flush", journal / "fold")) > max(
@@ -86,6 +87,7 @@ def test_a_fold_rests_on_nothing_that_is_not_on_the_disk(
     )
     for made in ("", "data", "meta", "meta/episodes"):
         assert ("flush", folder / made) in events[listed : moved[info]]
-    deleted = events.index(("delete", journal / "episode-000000.arrow"))
+    # nothing comes between the episodes and what counts them
+    assert events[moved[info] - 2][1].parent.parent == folder / "meta" / "episodes"
     assert ("flush", folder / "meta") in events[moved[info] : deleted]
     assert ("flush", journal) in events[deleted : events.index(("delete", journal / "fold.json"))]

@@ -298,21 +298,58 @@ def test_lerobot_reads_the_dataset_in_whatever_state_a_kill_leaves_it(
 def test_what_somebody_else_appended_after_a_kill_stays(
     states: list[tuple[int, Path]], tmp_path: Path
 ):
-    """Killed in the middle of moving files into place, and then another writer came first."""
-    met = 0
-    for _, root in copies(states, tmp_path):
-        moved = (root / "data/chunk-000/file-001.parquet").exists()
-        if not moved or (root / "meta/episodes/chunk-000/file-001.parquet").exists():
+    """Killed at any instant but one, and then another writer came before the recovery."""
+    left = 0
+    for saved, root in copies(states, tmp_path):
+        if not (root / "journal").exists():
             continue
-        met += 1
+        info = json.loads((root / "meta/info.json").read_bytes())
+        moved = (root / "meta/episodes/chunk-000/file-001.parquet").exists()
+        old = info["total_episodes"]
+        if moved and old == 2:  # between the last two, which contradict one another
+            left += 1
+            continue
         (root / "journal").rename(tmp_path / "journal")
         record(root, 4, 5)
         (tmp_path / "journal").rename(root / "journal")
         recover(root)
         demonstrations = load_demonstrations(root, environment_state=None)
-        for number, one in zip((0, 1, 4, 2, 3), demonstrations, strict=True):
+        count = len(demonstrations) - 1
+        assert count in (saved, saved + 1)
+        numbers = (*range(old), 4, *range(old, count))
+        for number, one in zip(numbers, demonstrations, strict=True):
             np.testing.assert_array_equal(one.state, episode(number)["observation.state"])
-    assert met > 0
+    assert left == 1
+
+
+def test_one_that_is_appended_to_between_the_last_two_moves_is_refused(
+    states: list[tuple[int, Path]], tmp_path: Path
+):
+    for _, root in copies(states, tmp_path):
+        path = root / "meta/info.json"
+        moved = (root / "meta/episodes/chunk-000/file-001.parquet").exists()
+        if moved and json.loads(path.read_bytes())["total_episodes"] == 2:
+            path.write_bytes(path.read_bytes() + b"\n")  # somebody else's
+            with pytest.raises(DatasetError, match=r"expected 2 episodes of .* found 4 of"):
+                recover(root)
+            assert len(list((root / "journal").glob("*.arrow"))) == 2
+            return
+    raise AssertionError
+
+
+def test_the_last_file_to_reach_the_disk_need_not_be_the_last_that_was_moved(
+    states: list[tuple[int, Path]], tmp_path: Path
+):
+    """The power went, and the description was on the disk before the episodes were."""
+    for _, root in copies(states, tmp_path):
+        if (root / "journal/fold.json").exists() and not (root / "journal/fold/4").exists():
+            (root / "meta/episodes/chunk-000/file-001.parquet").rename(root / "journal/fold/3")
+            with pytest.raises(DatasetError, match="2 episodes in its journal"):
+                check_folded(root)
+            recover(root)
+            assert_holds(root, 4)
+            return
+    raise AssertionError
 
 
 def test_a_reader_is_told_of_the_journal_of_a_killed_recording(states: list[tuple[int, Path]]):

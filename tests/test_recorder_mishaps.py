@@ -229,6 +229,35 @@ def test_a_journal_whose_dataset_became_another_says_so(tmp_path: Path):
         record(tmp_path / "new", 2, fps=20)
 
 
+def record_and_end(root: Path, *seeds: int) -> None:
+    """Save episodes and go without leaving the `with` block."""
+    recorder = open_recorder(root).__enter__()
+    for seed in seeds:
+        recorder.save_episode("task", episode(seed))
+    os._exit(0)
+
+
+def test_a_dataset_that_lost_its_description_is_not_begun_anew(
+    forks: ForkServerContext, tmp_path: Path
+):
+    root, info = tmp_path / "new", tmp_path / "new/meta/info.json"
+    record(root, 0, 1, 2)
+    run(forks, record_and_end, root, 3)
+    info.rename(tmp_path / "info.json")
+    before = {path: path.read_bytes() for path in root.rglob("*.*") if path.is_file()}
+    for recovers in (recover, record):
+        with pytest.raises(DatasetError, match=r"files in data/ and no meta/info.json: bring it"):
+            recovers(root)
+    assert {path: path.read_bytes() for path in root.rglob("*.*") if path.is_file()} == before
+
+    shutil.copytree(root / "journal", tmp_path / "moved/journal")
+    assert recover(tmp_path / "moved") == 1  # data/ and meta/ are elsewhere
+    assert_holds(tmp_path / "moved", 3)
+    (tmp_path / "info.json").rename(info)
+    assert recover(root) == 1
+    assert_holds(root, 0, 1, 2, 3)
+
+
 @pytest.mark.parametrize("task", [f"reach {HALF}", None])
 def test_a_task_that_no_file_can_hold_is_refused(tmp_path: Path, task: str):
     with open_recorder(tmp_path / "new") as recorder:

@@ -43,6 +43,13 @@ def to_arrow_words(words: Sequence[str]) -> "pa.Array":
     return pa.Array.from_buffers(pa.string(), len(words), buffers)
 
 
+def is_list(kind: "pa.DataType") -> bool:
+    """Whether its values are lists, of whatever lengths."""
+    from pyarrow import types
+
+    return types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+
+
 def to_numpy(column: "pa.ChunkedArray", dimension: int) -> NDArray[np.generic]:
     """A column of numbers as vectors [N, D]; booleans as 0 and 1.
 
@@ -54,7 +61,7 @@ def to_numpy(column: "pa.ChunkedArray", dimension: int) -> NDArray[np.generic]:
 
     values = column.combine_chunks()
     if dimension > 1 or pyarrow.types.is_nested(values.type):
-        if not _is_list(values.type):
+        if not is_list(values.type):
             raise ValueError(f"{values.type} in place of lists of {dimension}")
         lengths = _numbers(pc.call_function("list_value_length", [values]))
         if (lengths != dimension).any():
@@ -63,12 +70,6 @@ def to_numpy(column: "pa.ChunkedArray", dimension: int) -> NDArray[np.generic]:
             )
         values = values.flatten()
     return _numbers(values).reshape(-1, dimension)
-
-
-def _is_list(kind: "pa.DataType") -> bool:
-    from pyarrow import types
-
-    return types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
 
 
 def _numbers(values: "pa.Array") -> NDArray[np.generic]:

@@ -4,7 +4,7 @@ New frames and episodes go to the next files of their kind, as with LeRobot's ow
 take all files in `data/` and `meta/episodes/`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,7 +21,7 @@ from pacnet.datasets.lerobot_files import (
     read_description,
     told_names,
 )
-from pacnet.datasets.recording import RESERVED, Recording
+from pacnet.datasets.recording import RESERVED, STORED, Recording
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -177,18 +177,34 @@ def _check_counts(root: Path, dataset: Dataset, episodes: int, frames: int) -> N
         )
 
 
-def read_column(paths: Sequence[Path], name: str, dimension: int) -> NDArray[np.generic]:
-    """A feature of all frames in these files, [N, D]."""
-    return np.concatenate([read_columns(path, {name: dimension})[name] for path in paths])
+def features_of(
+    paths: Sequence[Path], dimensions: Mapping[str, int]
+) -> Iterator[tuple[str, NDArray[np.generic]]]:
+    """Each feature of all frames in these files, [N, D]; every file is read once.
+
+    Args:
+        paths: The files.
+        dimensions: Name of each feature -> D.
+    """
+    files = [read_columns(path, dimensions) for path in paths]
+    for name in dimensions:
+        yield name, np.concatenate([columns.pop(name) for columns in files])
 
 
 def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
     """Refuse to append a recording to a dataset of something else.
 
     Raises:
-        ValueError: The frames per second, the features or the robot's type differ.
+        ValueError: The frames per second, the features or the robot's type differ, or there are
+            features that no recording has.
     """
     there = {name: told for name, told in info["features"].items() if name not in RESERVED}
+    for name, told in there.items():
+        if told["dtype"] not in STORED:
+            raise ValueError(
+                f"expected a dataset of {', '.join(STORED)}, which is what Recorder stores: with "
+                f"{name!r} being {told['dtype']}, {root} cannot be appended to with it"
+            )
     if recording.fps != info["fps"]:
         raise ValueError(f"expected fps {info['fps']} as in {root}, got {recording.fps}")
     if set(there) != set(recording.features):

@@ -17,13 +17,14 @@ from pacnet.datasets.files import (
     Dataset,
     FileNumber,
     check_same,
+    features_of,
     new_dataset,
-    read_column,
     read_dataset,
 )
 from pacnet.datasets.frame_files import FrameFiles
 from pacnet.datasets.journal import Journal, read_episode
 from pacnet.datasets.lerobot_files import INFO, TASKS, DatasetError
+from pacnet.datasets.old_frames import check_frames, check_orphans
 from pacnet.datasets.recording import Recording
 from pacnet.datasets.staging import Stage, settle
 from pacnet.datasets.statistics import statistics
@@ -72,25 +73,48 @@ def find_dataset(root: Path, recording: Recording) -> Dataset:
     """The dataset that a recording is appended to, or a new one.
 
     Raises:
-        DatasetError: The dataset cannot be read, or its files contradict one another.
+        DatasetError: The dataset or its frames cannot be read, or its files contradict one another
+            or are there without `meta/info.json`.
         ValueError: It is of something else.
     """
     if not (root / INFO).exists():
+        _check_begun(root)
         return new_dataset(recording)
     dataset = read_dataset(root)
     check_same(root, dataset.info, recording)
+    check_frames(root, dataset)
     return dataset
+
+
+def check_ready(root: Path, recording: Recording) -> None:
+    """Refuse what the episodes of a recording could not be folded into.
+
+    Raises:
+        DatasetError: As `find_dataset`, or a file of frames belongs to no episode, but for the one
+            that is written over.
+        ValueError: As `find_dataset`.
+    """
+    dataset = find_dataset(root, recording)
+    check_orphans(root, dataset, [dataset.frames_place(dataset.next_frames)])
+
+
+def _check_begun(root: Path) -> None:
+    """Refuse to begin a dataset over the files of one that has lost its description."""
+    for folder in (root / "data", root / "meta"):
+        if any(path.is_file() for path in folder.rglob("*")):
+            raise DatasetError(
+                f"{root} has files in {folder.name}/ and no {INFO}: bring it back, or move data/ "
+                "and meta/ away to begin a new dataset"
+            )
 
 
 def _stage_files(root: Path, dataset: Dataset, episodes: Sequence[Path], stage: Stage) -> None:
     """Write the dataset's next files, those first that nobody looks for without the others."""
     tasks = list(dataset.tasks)
     fresh, rows = _stage_frames(dataset, episodes, tasks, stage)
+    check_orphans(root, dataset, stage.places)
     frames = [*(root / dataset.frames_place(number) for number in dataset.frame_files), *fresh]
-    whole = {
-        name: statistics(read_column(frames, name, told["shape"][0]))
-        for name, told in dataset.info["features"].items()
-    }
+    whole = _statistics_of(frames, dataset.info["features"])
     _stage_bytes(stage, STATISTICS, json_bytes(whole))
     _stage_table(stage, TASKS, tasks_table(tasks))
     _stage_table(stage, dataset.episodes_place(), episodes_table(rows, dataset.episodes_schema))
@@ -101,6 +125,17 @@ def _stage_files(root: Path, dataset: Dataset, episodes: Sequence[Path], stage: 
     }
     splits = {"splits": {"train": f"0:{counts['total_episodes']}"}}
     _stage_bytes(stage, INFO, json_bytes(dataset.info | counts | splits))
+
+
+def _statistics_of(files: Sequence[Path], features: Mapping[str, Any]) -> dict[str, Any]:
+    """The statistics of all frames in these files, by feature."""
+    found = {}
+    dimensions = {name: told["shape"][0] for name, told in features.items()}
+    for name, rows in features_of(files, dimensions):
+        if not np.isfinite(rows).all():  # and the statistics of its episode do not say so
+            raise DatasetError(f"expected finite numbers in {name!r}, found others in old frames")
+        found[name] = statistics(rows)
+    return found
 
 
 def _stage_frames(

@@ -3,8 +3,8 @@
 They are written into a staging folder. A list of their places, renamed into its name once all of
 them are on the disk, is the instant from which they count; then they are moved, one by one. Killed
 before that instant, the process leaves the old files; after it, what is left to move is in the
-list. `meta/info.json` is always the last: as long as it is staged, not all are in place, and once
-it is not, they are.
+list. As long as any is staged, not all are in place. `meta/info.json` is the last, directly after
+the episodes' file: between the two, the dataset contradicts itself.
 """
 
 import hashlib
@@ -42,7 +42,7 @@ class Stage:
         return self._folder / str(len(self.places) - 1)
 
     def commit(self, folded: Sequence[Path]) -> None:
-        """Put all files, of which `meta/info.json` is the last added, into their places.
+        """Put all files, the last added of which are episodes and `meta/info.json`, into place.
 
         Args:
             folded: Files of the journal whose content is in the staged ones; they are deleted.
@@ -52,6 +52,7 @@ class Stage:
         listed = {
             "places": self.places,
             "info": _digest(self._journal.parent / INFO),
+            "new_info": _digest(self._folder / str(len(self.places) - 1)),
             "folded": [path.name for path in folded],
         }
         put_in_place(self._journal / _LIST, json.dumps(listed).encode())
@@ -69,10 +70,10 @@ def settle(journal: Path) -> None:
     """
     listed = _listed(journal)
     if listed is not None:
-        root, staged = journal.parent, _staged_info(journal, listed["places"])
-        if staged.exists() and _digest(root / INFO) == listed["info"]:
+        ours = _digest(journal.parent / INFO) in (listed["info"], listed["new_info"])
+        if ours and not is_complete(journal):
             _move(journal, listed["places"])
-        if not staged.exists():
+        if is_complete(journal):
             for name in listed["folded"]:
                 (journal / name).unlink(missing_ok=True)
             flush_folder(journal)
@@ -86,7 +87,7 @@ def settle(journal: Path) -> None:
 def is_complete(journal: Path) -> bool:
     """Whether all that was committed is in place, and only the journal is still to be cleared."""
     listed = _listed(journal)
-    return listed is not None and not _staged_info(journal, listed["places"]).exists()
+    return listed is not None and not _staged(journal, listed["places"])
 
 
 def _listed(journal: Path) -> dict[str, Any] | None:
@@ -102,20 +103,25 @@ def _listed(journal: Path) -> dict[str, Any] | None:
         ) from None
 
 
-def _staged_info(journal: Path, places: Sequence[str]) -> Path:
-    return journal / _STAGED / str(len(places) - 1)
+def _staged(journal: Path, places: Sequence[str]) -> dict[str, Path]:
+    """Where the files are that are still to be moved, by their places."""
+    paths = {place: journal / _STAGED / str(number) for number, place in enumerate(places)}
+    return {place: path for place, path in paths.items() if path.exists()}
 
 
 def _move(journal: Path, places: Sequence[str]) -> None:
-    root = journal.parent
-    for number, place in enumerate(places):
-        staged, target = journal / _STAGED / str(number), root / place
-        if place == INFO:  # it says that all others are there
-            _flush_folders(root, places)
-        if staged.exists():
-            target.parent.mkdir(parents=True, exist_ok=True)
-            staged.replace(target)
-    flush_folder((root / INFO).parent)
+    """Move what is staged, and nothing between the last two: a kill may come there."""
+    root, last = journal.parent, places[-2:]
+    staged = _staged(journal, places)
+    for place in staged:
+        (root / place).parent.mkdir(parents=True, exist_ok=True)
+    for place in [place for place in staged if place not in last]:
+        staged.pop(place).replace(root / place)
+    _flush_folders(root, places)
+    for place, path in staged.items():
+        path.replace(root / place)
+    for place in last:
+        flush_folder((root / place).parent)
 
 
 def _flush_folders(root: Path, places: Sequence[str]) -> None:

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 
 def json_bytes(content: Mapping[str, Any]) -> bytes:
-    """A JSON file, indented as LeRobot has it."""
-    return json.dumps(content, indent=4, ensure_ascii=False).encode()
+    """A JSON file, indented as LeRobot has it; a ValueError for numbers that JSON has not."""
+    return json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False).encode()
 
 
 def tasks_table(tasks: Sequence[str]) -> "pa.Table":
