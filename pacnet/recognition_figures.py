@@ -13,7 +13,17 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from pacnet.figure_style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, tidy, winner_series
+from pacnet.figure_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    VERMILION,
+    literal,
+    new_figure,
+    tidy,
+    winner_series,
+)
 from pacnet.recognition import Recognition
 
 # Okabe & Ito's, the lightest last; a seventh behaviour starts again, hatched.
@@ -53,7 +63,7 @@ def recognition_over_time(
     seconds = timestep * np.arange(len(recognition.behaviour))
     named = recognition.behaviour.numpy()
     figure = new_figure(8.5, 7.4)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=12)
+    figure.suptitle(literal(title), x=0.01, ha="left", fontsize=12)
     panels = figure.subplots(4, 1, sharex=True, height_ratios=(1.3, 1.3, 1, 1.3))
     _draw_probabilities(panels[0], seconds, timestep, recognition.probability.numpy())
     _draw_progress(panels[1], seconds, recognition.progress.numpy(), named)
@@ -134,7 +144,9 @@ def _shade(axes: Axes, seconds: NDArray, timestep: float, novel: NDArray) -> Non
 
 def _legend(behaviours: Sequence[str]) -> list[Patch | Line2D]:
     shares = [
-        Patch(facecolor=_colour(number), hatch=_hatch(number), edgecolor="white", label=title)
+        Patch(
+            facecolor=_colour(number), hatch=_hatch(number), edgecolor="white", label=literal(title)
+        )
         for number, title in enumerate(behaviours)
     ]
     return [

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
+from matplotlib import cbook
 from matplotlib.colors import to_hex
 from torch import Tensor
 
@@ -186,6 +187,18 @@ def test_any_episode_can_be_drawn(tmp_path: Path):
         recognition_over_time(recognition, names[1:], 0.5, 0.1, "Episode")
     with pytest.raises(ValueError, match="expected timestep > 0"):
         recognition_over_time(recognition, names, 0.5, 0.0, "Episode")
+
+
+def test_names_are_written_as_they_stand(tmp_path: Path):
+    names = ("$x_1$ costs $", "lift\n\ta  cup")
+    title = "Episode 1, “$x_1$ costs $”"
+    figure = recognition_over_time(RIGHT.recognition, names, 0.5, 0.1, title)
+    figure.savefig(tmp_path / "figure.png")  # "$ costs $" would be no formula
+    (legend,) = figure.legends
+    written = [figure.get_suptitle(), *(text.get_text() for text in legend.get_texts()[:2])]
+    assert [cbook.is_math_text(text) for text in written] == [False] * 3
+    shown = [text.replace(r"\$", "$") for text in written]
+    assert shown == [title, names[0], "lift a cup"]
 
 
 def curve(behaviour: str, seed: int, samples: int = 80) -> Tensor:
