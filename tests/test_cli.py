@@ -24,7 +24,7 @@ from pacnet.imitator import Imitator
 PROJECT = Path(__file__).parents[1]
 STATE, SURROUNDINGS, ACTION = "observation.state", "observation.environment_state", "action"
 NAMES = {STATE: ("x", "y"), SURROUNDINGS: ("z",), ACTION: ("right", "up")}
-BENDS = {"drink": 1.0, "wave": -1.0, "juggle": 3.0}
+BENDS = {"drink": 1.0, "wave": -1.0, "juggle": 3.0}  # of any other task 0
 
 
 def record(
@@ -42,7 +42,7 @@ def record(
     with Recorder(root, fps, names, "hand") as recorder:
         for task in tasks:
             along = np.linspace(0, 3, frames)
-            bent = BENDS[task] * np.clip(along - 1, 0, None)
+            bent = BENDS.get(task, 0) * np.clip(along - 1, 0, None)
             path = np.stack([along, bent, np.sin(along)], axis=1)
             path += 0.01 * rng.standard_normal(path.shape)
             features = (path[:, :2], path[:, 2:], np.gradient(path[:, :2], axis=0))
@@ -359,14 +359,23 @@ def test_watch_needs_no_action_in_the_dataset(imitator: Path, tmp_path: Path):
     assert run("watch", imitator, root) == 0
 
 
+def rerun_tables(file: Path) -> dict[str, str]:
+    """Path of each entity in a Rerun file -> its table, as Rerun prints it.
+
+    Rerun's functions for reading are others in each version; its own printed tables are not.
+    """
+    command = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", file]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    chunks = re.split(
+        r"^Chunk\(\w+\) with \d+ rows .*? - (/(?:\\.|\S)+) - ", printed, flags=re.MULTILINE
+    )
+    return dict(zip(chunks[1::2], chunks[2::2], strict=True))
+
+
 def test_watch_writes_a_rerun_recording(imitator: Path, other: Path, tmp_path: Path):
     pytest.importorskip("rerun")
     assert run("watch", imitator, other, "--rerun", tmp_path / "seen.rrd") == 0
-    # Rerun's functions for reading are others in each version; its own printed tables are not.
-    command = [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", tmp_path / "seen.rrd"]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    chunks = re.split(r"^Chunk\(\w+\) with \d+ rows .*? - (/\S+) - ", printed, flags=re.MULTILINE)
-    tables = dict(zip(chunks[1::2], chunks[2::2], strict=True))
+    tables = rerun_tables(tmp_path / "seen.rrd")
     curves = {
         path: re.findall(r"┆ P(?:T([\d.]+)S|0D) +┆ \[(\S+)\] ", table)
         for path, table in tables.items()
@@ -389,6 +398,19 @@ def test_watch_writes_a_rerun_recording(imitator: Path, other: Path, tmp_path: P
         times, printed_values = zip(*curves[path], strict=True)
         assert [float(time or 0) for time in times] == pytest.approx(np.arange(80) / 20)
         assert [float(value) for value in printed_values] == pytest.approx(values.tolist())
+
+
+def test_a_task_is_one_name_in_the_rerun_recording(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+):
+    pytest.importorskip("rerun")
+    root = record(tmp_path / "shown", ("pick/place it",), 1008)
+    assert run("fit", root, "--out", tmp_path / "taught") == 0
+    capfd.readouterr()
+    assert run("watch", tmp_path / "taught", root, "--rerun", tmp_path / "seen.rrd") == 0
+    assert unannounced(capfd.readouterr().err) == ""  # where Rerun's own code would warn
+    (path,) = [path for path in rerun_tables(tmp_path / "seen.rrd") if "probability" in path]
+    assert path == r"/episode_000/probability/pick\/place\ it"
 
 
 def test_watch_says_what_is_missing_for_rerun(
