@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from pacnet.cli import main
 from pacnet.cli.seen import see
 from pacnet.demonstrations import load_demonstrations
 from pacnet.imitator import Imitator
+from pacnet.network import PACNet
 
 PROJECT = Path(__file__).parents[1]
 STATE, SURROUNDINGS, ACTION = "observation.state", "observation.environment_state", "action"
@@ -737,6 +738,32 @@ def test_wrong_usage_exits_with_2(arguments: tuple[str, ...], capsys: pytest.Cap
 
 
 # the process
+
+
+@pytest.fixture
+def restored_threads() -> Iterator[None]:
+    threads = torch.get_num_threads()
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.usefixtures("restored_threads")
+@pytest.mark.parametrize("command", ["fit", "watch", "export", "explain"])
+def test_it_takes_no_more_than_one_thread(
+    command: str, imitator: Path, other: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    threads = []
+    method = "observe" if command == "fit" else "step"
+    work = getattr(PACNet, method)
+
+    def counting(self: PACNet, *given: Any, **named: Any) -> Any:
+        threads.append(torch.get_num_threads())
+        return work(self, *given, **named)
+
+    monkeypatch.setattr(PACNet, method, counting)
+    torch.set_num_threads(2)
+    assert run(*command_line(command, imitator, other, tmp_path / "out")) == 0
+    assert set(threads) == {1}
 
 
 def process(*arguments: object, code: str = "") -> subprocess.CompletedProcess[str]:

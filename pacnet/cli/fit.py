@@ -70,7 +70,9 @@ def run(arguments: argparse.Namespace) -> None:
     _check_out(arguments)
     from pacnet.cli.sources import checkpoint_folder
     from pacnet.interrupts import interrupts_held_back
+    from pacnet.threads import use_one_thread
 
+    use_one_thread()
     imitator, demonstrations = _prepare(arguments)
     began = time.perf_counter()
     lessons = _learn(imitator, demonstrations)

@@ -12,6 +12,7 @@ from pacnet.cli.progress import progress_bar
 from pacnet.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator, ImitatorStep
 from pacnet.recognition import Recognition
+from pacnet.threads import use_one_thread
 from pacnet.watching import Watched, joined
 
 NOVEL_ABOVE = 1.0  # novelty of an imitator, over what is tolerated
@@ -35,7 +36,7 @@ class Seen:
 
 def see(imitator: Imitator, demonstrations: Demonstrations) -> Iterator[Seen]:
     """Watches one episode after the other, each from its start, with a progress bar."""
-    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    use_one_thread()
     with progress_bar("watching", demonstrations) as advance:
         for shown in demonstrations:
             yield _see_one(imitator, shown, advance)
