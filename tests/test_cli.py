@@ -1,5 +1,6 @@
 """The command line: what it prints is what was learned and seen, and every failure is one line."""
 
+import itertools
 import json
 import os
 import re
@@ -17,9 +18,10 @@ import torch
 from safetensors.torch import load_file
 
 from pacnet.cli import main
+from pacnet.cli.printing import print_table
 from pacnet.cli.seen import see
 from pacnet.demonstrations import load_demonstrations
-from pacnet.imitator import Imitator
+from pacnet.imitator import Imitator, ImitatorStep
 from pacnet.network import PACNet
 
 PROJECT = Path(__file__).parents[1]
@@ -332,12 +334,16 @@ def test_watch_says_what_it_sees_in_each_episode(
         steps = [known.step(percept) for percept in shown.percepts]
         novelty = [step.novelty for step in steps]
         most = int(np.argmax(novelty))
+        held = [step for step in steps if step.action is None]
+        new = [step for step in held if step.is_novel]
+        assert len(new) > len(held) / 2 or not held
         assert row[5:] == [
             f"{np.mean([step.is_novel for step in steps]):.1%}",
             f"{novelty[most]:.2f}",
             steps[most].dimension,
             f"{most / 20:.2f} s",
             f"{np.mean([step.action is not None for step in steps]):.1%}",
+            "new percept" if held else "–",
         ]
         known.reset()
         named = known.network.recognise(shown.percepts)
@@ -352,6 +358,63 @@ def test_watch_says_what_it_sees_in_each_episode(
     pictures = sorted(path.name for path in (tmp_path / "pictures").iterdir())
     assert pictures == ["episode_000.png", "episode_001.png", "episode_002.png"]
     assert value_of("pictures", out) == str(tmp_path / "pictures")
+
+
+def test_watch_says_why_it_holds_where_nothing_is_new(
+    imitator: Path, other: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    step = Imitator.step
+
+    def unsure(self: Imitator, percept: np.ndarray) -> ImitatorStep:
+        """Of 80 frames, it holds for one reason at 31 and for another at 29."""
+        done = step(self, percept)
+        frame = next(frames) % 80
+        if frame < 31:
+            decision = done.decision._replace(novelty=False, target=None)
+        elif frame < 60:
+            decision = done.decision._replace(novelty=True, target=None)
+        else:
+            return done._replace(is_novel=False, action=np.zeros(2, np.float32))
+        return done._replace(is_novel=False, action=None, decision=decision)
+
+    frames = itertools.count()
+    monkeypatch.setattr(Imitator, "step", unsure)
+    assert run("watch", imitator, other) == 0
+    rows = rows_under("episode", capsys.readouterr().out)
+    assert [row[-2:] for row in rows] == [["25.0%", "no confident schema"]] * 3
+
+
+def test_tasks_that_the_font_lacks_are_drawn_without_a_warning(tmp_path: Path):
+    root = record(tmp_path / "shown", ("\N{CJK UNIFIED IDEOGRAPH-65E5}", "drink"), 1009)
+    assert run("fit", root, "--out", tmp_path / "taught") == 0
+    assert run("watch", tmp_path / "taught", root, "--out", tmp_path / "pictures") == 0
+    assert len(list((tmp_path / "pictures").iterdir())) == 2
+
+
+TASK = "Pick up the {} cube and place it carefully into the {} box on the far side of the table"
+
+
+@pytest.mark.parametrize(
+    ("names", "shown"),
+    [
+        (["drink", "a\nb\tc", 40 * "d"], ["drink", "a b c", 40 * "d"]),
+        ([20 * "a" + 10 * "-" + 20 * "b"], [20 * "a" + "…" + 19 * "b"]),
+        (
+            [TASK.format("red", "left"), TASK.format("red", "right"), TASK.format("red", "left")],
+            [
+                "Pick up the red cube and place it…left…",
+                "Pick up the red cube and place it…right…",
+                "Pick up the red cube and place it…left…",
+            ],
+        ),
+        ([f"{30 * 'a'}{number}{30 * 'b'}" for number in (1, 2)],) * 2,  # not one word to cut at
+    ],
+)
+def test_names_in_tables_are_short_and_can_be_told_apart(
+    names: list[str], shown: list[str], capsys: pytest.CaptureFixture[str]
+):
+    print_table(("<name",), [(name,) for name in names])
+    assert capsys.readouterr().out.splitlines() == ["name", *shown]
 
 
 def test_watch_needs_no_action_in_the_dataset(imitator: Path, tmp_path: Path):

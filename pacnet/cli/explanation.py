@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from pacnet.attention import NOBODY
+from pacnet.cli.reasons import reason_of
 from pacnet.competing_schemas import CompetingSchemas
 from pacnet.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator, ImitatorStep
@@ -41,7 +42,7 @@ def explain(
         "frame": frame,
         "seconds": frame / fps,
         "does": "acts" if step.action is not None else "holds",
-        "because": _reason(step),
+        "because": reason_of(step).sentence,
         "novelty": step.novelty,
         "is_novel": step.is_novel,
         "dimension": step.dimension,
@@ -72,19 +73,6 @@ def _find(demonstrations: Demonstrations, episode: int, frame: int) -> Demonstra
             f"expected a frame of episode {episode}, 0 to {len(shown.state) - 1}, got {frame}"
         )
     return shown
-
-
-def _reason(step: ImitatorStep) -> str:
-    decision = step.decision
-    if step.is_novel:
-        return f"the percept is new in {step.dimension}"
-    if decision.novelty:
-        return "no node of the map matches the percept"
-    if decision.target is None:
-        return f"no motor schema of node {decision.winner} is confident"
-    if step.action is None:
-        return "the forward model cannot tell which action leads to the target"
-    return "the percept is known, and a motor schema is confident"
 
 
 def _choice(imitator: Imitator, step: ImitatorStep) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import torch
 from torch import Tensor
 
 from pacnet.cli.progress import progress_bar
+from pacnet.cli.reasons import reason_of
 from pacnet.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator, ImitatorStep
 from pacnet.recognition import Recognition
@@ -27,11 +29,20 @@ class Seen:
         watched: what was recognised; its novelty is the imitator's, over what is tolerated.
         dimension: name of the dimension in which each frame departs most from what is known.
         acts: whether it would have acted, bool `[T]`.
+        reasons: why it would have acted or held, in a few words.
     """
 
     watched: Watched
     dimension: tuple[str, ...]
     acts: Tensor
+    reasons: tuple[str, ...]
+
+    @property
+    def holds_for(self) -> str | None:
+        """The commonest reason to hold; None if it always acts."""
+        reasons = (why for why, acts in zip(self.reasons, self.acts, strict=True) if not acts)
+        ((reason, _),) = Counter(reasons).most_common(1) or ((None, 0),)
+        return reason
 
 
 def see(imitator: Imitator, demonstrations: Demonstrations) -> Iterator[Seen]:
@@ -58,4 +69,5 @@ def _see_one(imitator: Imitator, shown: Demonstration, advance: Callable[[int], 
         Watched(shown, recognition),
         tuple(step.dimension for step in steps),
         torch.tensor([step.action is not None for step in steps]),
+        tuple(reason_of(step).short for step in steps),
     )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_dataset
-from pacnet.cli.printing import print_pairs, print_table
+from pacnet.cli.printing import NOTHING, print_pairs, print_table
 
 if TYPE_CHECKING:
     from pacnet.cli.seen import Seen
@@ -20,11 +21,12 @@ in which dimension."""
 _EXAMPLE = "pacnet watch imitator recordings/new --out pictures"
 _HEADS = (
     "episode", "<recorded as", "<recognised as", "sure", "since", "novel frames",
-    "largest novelty", "<in", "at", "would act",
+    "largest novelty", "<in", "at", "would act", "<holds for",
 )  # fmt: skip
 _LEGEND = """recognised as: the likeliest behaviour at the end, how sure, and since when it was that
 novelty: how far from what was learned, over what is tolerated in that dimension; over 1 is novel
-would act: frames at which it would act on a robot; at the others it would hold"""
+would act: frames at which it would act on a robot; at the others it would hold
+holds for: the commonest reason there; `pacnet explain` tells that of one frame, with its numbers"""
 
 
 def add_to(commands: Commands) -> None:
@@ -92,6 +94,7 @@ def _row(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
         seen.dimension[most],
         f"{most / fps:.2f} s",
         f"{float(seen.acts.double().mean()):.1%}",
+        seen.holds_for or NOTHING,
     )
 
 
@@ -105,7 +108,9 @@ def _draw(seen: Sequence[Seen], imitator: Imitator, fps: float, folder: Path) ->
     for one in seen:
         number, task = one.watched.demonstration.episode, one.watched.demonstration.task
         title = f"Episode {number}, recorded as “{task or 'untitled'}”"
-        recognition = one.watched.recognition
-        figure = recognition_over_time(recognition, titles, NOVEL_ABOVE, 1 / fps, title)
-        figure.savefig(folder / f"episode_{number:03}.png")
+        recognition, acts = one.watched.recognition, one.acts.numpy()
+        figure = recognition_over_time(recognition, titles, NOVEL_ABOVE, 1 / fps, title, acts)
+        with warnings.catch_warnings():  # what the font lacks is drawn as a box
+            warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+            figure.savefig(folder / f"episode_{number:03}.png")
     return folder
