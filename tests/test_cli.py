@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import torch
 from safetensors.torch import load_file
 
 from pacnet.cli import main
+from pacnet.cli.explanation import explain
 from pacnet.cli.printing import print_table
 from pacnet.cli.seen import see
 from pacnet.demonstrations import load_demonstrations
@@ -584,6 +586,14 @@ def test_explain_says_from_which_frame_of_which_demonstration_the_target_came(
         assert float(apart.abs().max()) < 0.5
 
 
+def test_explain_gives_times_by_the_rate_of_what_they_are_of(imitator: Path, other: Path):
+    faster = replace(load_demonstrations(other), fps=40)
+    told = explain(Imitator.from_pretrained(imitator), faster, 1, 60)
+    assert told["seconds"] == 60 / 40
+    assert told["origins"]
+    assert all(row["seconds"] == row["frame"] / 20 for row in told["origins"])
+
+
 def test_explain_ranks_schemas_and_nodes(
     imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -768,12 +778,14 @@ def test_no_checkpoint_is_one_line(
     assert not (tmp_path / "out").exists()
 
 
-def test_learning_on_at_another_rate_is_one_line(
-    imitator: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("command", ["fit --from", "watch", "export", "explain"])
+def test_a_dataset_of_another_rate_is_one_line(
+    command: str, imitator: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     root = record(tmp_path / "fast", ("drink",), 1006, fps=30)
-    message = refusal(capsys, "fit", root, "--from", imitator, "--out", tmp_path / "out")
+    message = refusal(capsys, *command_line(command, imitator, root, tmp_path / "out"))
     assert "expected 20 frames per second" in message
+    assert "got 30" in message
     assert not (tmp_path / "out").exists()
 
 

@@ -34,13 +34,13 @@ def explain(
     imitator.reset()
     percepts = shown.percepts[: frame + 1]
     steps = [imitator.step(percept) for percept in percepts.numpy()]
-    step, fps = steps[-1], demonstrations.fps
+    step = steps[-1]
     return {
         "dataset": demonstrations.source,
         "episode": episode,
         "task": shown.task,
         "frame": frame,
-        "seconds": frame / fps,
+        "seconds": frame / demonstrations.fps,
         "does": "acts" if step.action is not None else "holds",
         "because": reason_of(step).sentence,
         "novelty": step.novelty,
@@ -53,7 +53,7 @@ def explain(
         "targets_are": imitator.config.targets,
         "target": _target(imitator, step),
         "action": _named(imitator.config.action, step.action),
-        "origins": _origins(imitator, step, fps),
+        "origins": _origins(imitator, step),
         "margin": _competing(imitator).config.margin,
         "schemas": _rivals(imitator, step, percepts[-1]),
         "nodes": _nodes(imitator, percepts[-1]),
@@ -100,7 +100,7 @@ def _named(names: tuple[str, ...], values: Any) -> dict[str, float] | None:
     return None if values is None else dict(zip(names, values.tolist(), strict=True))
 
 
-def _origins(imitator: Imitator, step: ImitatorStep, fps: float) -> list[dict[str, Any]]:
+def _origins(imitator: Imitator, step: ImitatorStep) -> list[dict[str, Any]]:
     """The frames of demonstrations that the target stands for."""
     schema, position = step.decision.schema, step.decision.position
     if schema == NOBODY:
@@ -114,7 +114,7 @@ def _origins(imitator: Imitator, step: ImitatorStep, fps: float) -> list[dict[st
                 "episode": lesson.episode,
                 "task": lesson.task,
                 "frame": origin.frame,
-                "seconds": origin.frame / fps,
+                "seconds": origin.frame / imitator.config.fps,
             }
         )
     return origins
