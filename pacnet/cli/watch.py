@@ -23,7 +23,8 @@ _HEADS = (
     "episode", "<recorded as", "<recognised as", "sure", "since", "novel frames",
     "largest novelty", "<in", "at", "would act", "<holds for",
 )  # fmt: skip
-_LEGEND = """recognised as: the likeliest behaviour at the end, how sure, and since when it was that
+_LEGEND = """recognised as: the likeliest behaviour at the end, how sure among those that are known, and since
+when it was that; new where the end is novel
 novelty: how far from what was learned, over what is tolerated in that dimension; over 1 is novel
 would act: frames at which it would act on a robot; at the others it would hold
 holds for: the commonest reason there; `pacnet explain` tells that of one frame, with its numbers"""
@@ -81,14 +82,11 @@ def _make_folders(arguments: argparse.Namespace) -> None:
 
 def _row(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
     recognition, shown = seen.watched.recognition, seen.watched.demonstration
-    named = int(recognition.behaviour[-1])
     most = int(recognition.novelty.argmax())
     return (
         f"{shown.episode}",
         shown.task or "untitled",
-        behaviours[named] or "untitled",
-        f"{float(recognition.probability[-1, named]):.1%}",
-        f"{seen.watched.named_since / fps:.2f} s",
+        *_recognised(seen, behaviours, fps),
         f"{float(recognition.is_novel.double().mean()):.1%}",
         f"{float(recognition.novelty[most]):.2f}",
         seen.dimension[most],
@@ -96,6 +94,16 @@ def _row(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
         f"{float(seen.acts.double().mean()):.1%}",
         seen.holds_for or NOTHING,
     )
+
+
+def _recognised(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str, str, str]:
+    """As what, how sure, and since when."""
+    recognition = seen.watched.recognition
+    if recognition.is_novel[-1]:
+        return "new", NOTHING, NOTHING
+    named = int(recognition.behaviour[-1])
+    sure, since = float(recognition.probability[-1, named]), seen.watched.named_since / fps
+    return behaviours[named] or "untitled", f"{sure:.1%}", f"{since:.2f} s"
 
 
 def _draw(seen: Sequence[Seen], imitator: Imitator, fps: float, folder: Path) -> Path:
