@@ -1,5 +1,6 @@
 """The command line: what it prints is what was learned and seen, and every failure is one line."""
 
+import io
 import itertools
 import json
 import os
@@ -17,6 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 from safetensors.torch import load_file
+from tqdm import tqdm
 
 from pacnet.cli import main
 from pacnet.cli.explanation import explain
@@ -226,7 +228,12 @@ def test_fit_can_aim_at_states(dataset: Path, tmp_path: Path, capsys: pytest.Cap
     assert run("fit", dataset, "--targets", "state", "--lead", 3, "--out", tmp_path) == 0
     config = Imitator.from_pretrained(tmp_path).config
     assert (config.targets, config.lead) == ("state", 3)
-    assert value_of("targets", capsys.readouterr().out).endswith(" states")
+    out, error = capsys.readouterr()
+    assert value_of("targets", out).endswith(" states")
+    # From each frame to the next within 6 episodes of 80: what takes its time is announced.
+    assert unannounced(error) == "fitting the forward model to 474 transitions ...\n"
+    assert run("fit", dataset, "--from", tmp_path, "--out", tmp_path) == 0
+    assert unannounced(capsys.readouterr().err) == ""  # it stays what it is
     assert run("info", tmp_path) == 0
     assert "states of 2 dimensions, 3 frames ahead" in capsys.readouterr().out
 
@@ -813,6 +820,40 @@ def test_wrong_usage_exits_with_2(arguments: tuple[str, ...], capsys: pytest.Cap
     out, error = capsys.readouterr()
     assert out == ""
     assert error.startswith("usage: pacnet")
+
+
+@pytest.mark.parametrize("command", ["fit", "watch", "export"])
+def test_progress_bars_run_from_nothing_to_the_end(
+    command: str, imitator: Path, other: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    bars = []
+
+    class Watched(tqdm):
+        """As on a terminal; notes where it stands each time."""
+
+        def __init__(self, **named: Any) -> None:
+            super().__init__(**{**named, "disable": False, "file": io.StringIO()})
+            self.stood = [self.n]
+            bars.append(self)
+
+        def update(self, n: float | None = 1) -> bool | None:
+            moved = super().update(n)
+            self.stood.append(self.n)
+            return moved
+
+    monkeypatch.setattr("tqdm.tqdm", Watched)
+    assert run(*command_line(command, imitator, other, tmp_path / "out")) == 0
+    stood = {bar.desc: bar.stood for bar in bars}
+    expected = {
+        "fit": {"learning": [0, 80, 160, 240]},
+        "watch": {
+            "watching": [0, 50, 80, 130, 160, 210, 240],
+            "drawing": [0, 1, 2, 3],
+        },
+        "export": {"watching": [0, 50, 80, 130, 160, 210, 240]},
+    }
+    assert stood == expected[command]
+    assert [bar.total for bar in bars] == [bar.stood[-1] for bar in bars]
 
 
 # the process

@@ -133,9 +133,13 @@ def _prepare(arguments: argparse.Namespace) -> tuple[Imitator, Demonstrations]:
 
 
 def _learn(imitator: Imitator, demonstrations: Demonstrations) -> list[Lesson]:
-    from pacnet.cli.progress import progress_bar
+    from pacnet.cli.progress import frames_of, progress_bar
 
-    with progress_bar("learning", demonstrations) as advance:
+    frames = frames_of(demonstrations)
+    if imitator.forward_model is not None and not imitator.lessons:
+        transitions = counted(frames - len(demonstrations), "transition")
+        print(f"fitting the forward model to {transitions} ...", file=sys.stderr)
+    with progress_bar("learning", frames) as advance:
         return imitator.learn(demonstrations, advance)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from pacnet.cli.progress import progress_bar
+from pacnet.cli.progress import frames_of, progress_bar
 from pacnet.cli.reasons import reason_of
 from pacnet.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator, ImitatorStep
@@ -48,7 +48,7 @@ class Seen:
 def see(imitator: Imitator, demonstrations: Demonstrations) -> Iterator[Seen]:
     """Watches one episode after the other, each from its start, with a progress bar."""
     use_one_thread()
-    with progress_bar("watching", demonstrations) as advance:
+    with progress_bar("watching", frames_of(demonstrations)) as advance:
         for shown in demonstrations:
             yield _see_one(imitator, shown, advance)
 

@@ -23,8 +23,8 @@ _HEADS = (
     "episode", "<recorded as", "<recognised as", "sure", "since", "novel frames",
     "largest novelty", "<in", "at", "would act", "<holds for",
 )  # fmt: skip
-_LEGEND = """recognised as: the likeliest behaviour at the end, how sure among those that are known, and since
-when it was that; new where the end is novel
+_LEGEND = """recognised as: the likeliest known behaviour at the end; new where the end is novel
+sure, since: how sure among the known behaviours, and since when it was that one
 novelty: how far from what was learned, over what is tolerated in that dimension; over 1 is novel
 would act: frames at which it would act on a robot; at the others it would hold
 holds for: the commonest reason there; `pacnet explain` tells that of one frame, with its numbers"""
@@ -108,17 +108,20 @@ def _recognised(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str,
 
 def _draw(seen: Sequence[Seen], imitator: Imitator, fps: float, folder: Path) -> Path:
     """A page of each episode; returns the folder."""
+    from pacnet.cli.progress import progress_bar
     from pacnet.cli.seen import NOVEL_ABOVE
     from pacnet.recognition_figures import recognition_over_time
     from pacnet.watching import shown
 
     titles = shown(imitator.network.behaviours)
-    for one in seen:
-        number, task = one.watched.demonstration.episode, one.watched.demonstration.task
-        title = f"Episode {number}, recorded as “{task or 'untitled'}”"
-        recognition, acts = one.watched.recognition, one.acts.numpy()
-        figure = recognition_over_time(recognition, titles, NOVEL_ABOVE, 1 / fps, title, acts)
-        with warnings.catch_warnings():  # what the font lacks is drawn as a box
-            warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-            figure.savefig(folder / f"episode_{number:03}.png")
+    with progress_bar("drawing", len(seen), "figure") as advance:
+        for one in seen:
+            number, task = one.watched.demonstration.episode, one.watched.demonstration.task
+            title = f"Episode {number}, recorded as “{task or 'untitled'}”"
+            recognition, acts = one.watched.recognition, one.acts.numpy()
+            figure = recognition_over_time(recognition, titles, NOVEL_ABOVE, 1 / fps, title, acts)
+            with warnings.catch_warnings():  # what the font lacks is drawn as a box
+                warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+                figure.savefig(folder / f"episode_{number:03}.png")
+            advance(1)
     return folder
