@@ -5,6 +5,7 @@ import itertools
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -195,8 +196,6 @@ def test_fit_replaces_a_checkpoint_only_where_nothing_is_lost(
     assert_equal(Imitator.from_pretrained(tmp_path / "copy"), taught(dataset, other))
     assert run("fit", other, "--out", tmp_path / "copy", "--overwrite") == 0
     assert_equal(Imitator.from_pretrained(tmp_path / "copy"), taught(other))
-    (tmp_path / "file").touch()
-    assert "is a file" in refusal(capsys, "fit", other, "--out", tmp_path / "file")
 
 
 def test_fit_takes_features_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -797,6 +796,46 @@ def test_a_dataset_of_another_rate_is_one_line(
     assert "expected 20 frames per second" in message
     assert "got 30" in message
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["fit", "watch"])
+def test_a_file_where_a_folder_is_to_be_is_one_line(
+    command: str, imitator: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "out").touch()
+    message = refusal(capsys, *command_line(command, imitator, other, tmp_path / "out"))
+    assert f"expected --out as a folder, '{tmp_path / 'out'}' is a file" in message
+
+
+def test_a_folder_where_a_file_is_to_be_is_one_line(
+    imitator: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    pytest.importorskip("rerun")
+    message = refusal(capsys, "watch", imitator, other, "--rerun", tmp_path)
+    assert f"expected --rerun as a file, '{tmp_path}' is a folder" in message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (
+            "explain in data --episode -1 --frame 0",
+            "--episode: expected a whole number ≥ 0, got '-1'",
+        ),
+        ("explain in data --episode 0 --frame x", "--frame: expected a whole number ≥ 0, got 'x'"),
+        (
+            "fit data --out out --targets state --lead 0",
+            "--lead: expected a whole number ≥ 1, got '0'",
+        ),
+        ("fit '' --out out", "DATASET: expected the name of a file or folder, got an empty one"),
+        ("fit data --out ''", "--out: expected the name of a file or folder, got an empty one"),
+        ("watch in data --out ''", "--out: expected the name of a file or folder"),
+        ("export in data --out ''", "--out: expected the name of a file or folder"),
+    ],
+)
+def test_wrong_usage_is_told(arguments: str, expected: str, capsys: pytest.CaptureFixture[str]):
+    assert run(*shlex.split(arguments)) == 2
+    assert expected in capsys.readouterr().err.splitlines()[-1]
 
 
 @pytest.mark.parametrize(

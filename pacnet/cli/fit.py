@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pacnet.cli.lessons import print_lessons
-from pacnet.cli.parsing import Commands, add_command, add_dataset, positive
+from pacnet.cli.parsing import Commands, add_command, add_dataset, check_folder, path, positive
 from pacnet.cli.printing import counted, print_pairs, size_text
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def add_to(commands: Commands) -> None:
     parser = add_command(commands, "fit", summary, _MORE, _EXAMPLE, run)
     add_dataset(parser)
     parser.add_argument(
-        "--out", metavar="DIR", required=True, help="folder to write the checkpoint to"
+        "--out", type=path, metavar="DIR", required=True, help="folder to write the checkpoint to"
     )
     parser.add_argument(
         "--from", dest="origin", metavar="CHECKPOINT",
@@ -98,9 +98,8 @@ def _check_out(arguments: argparse.Namespace) -> None:
     from pacnet.checkpoint import TENSOR_FILE
     from pacnet.cli.sources import checkpoint_folder
 
+    check_folder("--out", arguments.out)
     folder, out = checkpoint_folder(arguments.out), Path(arguments.out)
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"expected --out as a folder, '{out}' is a file")
     origin = arguments.origin
     goes_on = origin is not None and folder.resolve() == checkpoint_folder(origin).resolve()
     if (folder / TENSOR_FILE).exists() and not goes_on and not arguments.overwrite:

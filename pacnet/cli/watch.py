@@ -8,7 +8,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_dataset
+from pacnet.cli.parsing import (
+    Commands,
+    add_checkpoint,
+    add_command,
+    add_dataset,
+    check_folder,
+    path,
+)
 from pacnet.cli.printing import NOTHING, print_pairs, print_table
 
 if TYPE_CHECKING:
@@ -37,10 +44,13 @@ def add_to(commands: Commands) -> None:
     add_checkpoint(parser)
     add_dataset(parser)
     parser.add_argument(
-        "--out", metavar="DIR", help="draw each episode over time, into DIR/episode_NNN.png"
+        "--out",
+        type=path,
+        metavar="DIR",
+        help="draw each episode over time, into DIR/episode_NNN.png",
     )
     parser.add_argument(
-        "--rerun", metavar="FILE.rrd",
+        "--rerun", type=path, metavar="FILE.rrd",
         help="write what was seen for the Rerun viewer; needs the package rerun-sdk",
     )  # fmt: skip
 
@@ -75,8 +85,11 @@ def run(arguments: argparse.Namespace) -> None:
 def _make_folders(arguments: argparse.Namespace) -> None:
     """Whether there is a place for what will be written, before anything is watched."""
     if arguments.out is not None:
+        check_folder("--out", arguments.out)
         Path(arguments.out).mkdir(parents=True, exist_ok=True)
     if arguments.rerun is not None:
+        if Path(arguments.rerun).is_dir():
+            raise ValueError(f"expected --rerun as a file, '{arguments.rerun}' is a folder")
         Path(arguments.rerun).parent.mkdir(parents=True, exist_ok=True)
 
 
