@@ -150,9 +150,6 @@ def test_fit_prints_what_was_new_in_each_episode(
     grown = np.array([int(row[4]) for row in rows])
     assert [int(row[5]) for row in rows] == grown.cumsum().tolist()
     assert grown.sum() == len(saved.sofm) == int(value_of("nodes", out))
-    novel = [float(row[6].removesuffix("%")) for row in rows]
-    # Whatever is unlike every node becomes one, so that as many frames were.
-    np.testing.assert_allclose(novel, grown / 80 * 100, atol=0.051)
     unfamiliar = [row[7] for row in rows]
     assert unfamiliar[0] == "–"
     assert float(unfamiliar[1]) > 1  # the first that waves
@@ -160,6 +157,26 @@ def test_fit_prints_what_was_new_in_each_episode(
     assert int(value_of("schemas", out)) == len(saved.schemas.lengths)
     assert value_of("targets", out) == f"{int(saved.schemas.lengths.sum())} actions"
     assert value_of("learned", out).startswith("6 episodes, 480 frames in ")
+
+
+def test_fit_says_how_much_of_each_episode_is_remembered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    for frames in (80, 24, 4):
+        root = record(tmp_path / f"{frames}", ("drink",), 1010, frames)
+        assert run("fit", root, "--out", tmp_path / f"taught{frames}") == 0
+        ((*_, remembered, _),) = rows_under("dataset", capsys.readouterr().out)
+        schemas = Imitator.from_pretrained(tmp_path / f"taught{frames}").network.schemas
+        # Of one episode alone no target is merged with another's: each has a frame of its own.
+        kept = {
+            frame
+            for schema in range(len(schemas.lengths))
+            for frame in schemas.frames(schema).tolist()
+        }
+        assert remembered == f"{len(kept) / frames:.1%}"
+        assert run("info", tmp_path / f"taught{frames}") == 0
+        assert rows_under("dataset", capsys.readouterr().out)[0][6] == remembered
+    assert remembered == "0.0%"
 
 
 def test_fit_writes_what_python_learns(dataset: Path, imitator: Path):

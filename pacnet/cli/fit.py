@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pacnet.cli.lessons import print_lessons
+from pacnet.cli.lessons import lessons_of, print_lessons
 from pacnet.cli.parsing import Commands, add_command, add_dataset, check_folder, path, positive
 from pacnet.cli.printing import counted, print_pairs, size_text
 
@@ -143,7 +143,7 @@ def _learn(imitator: Imitator, demonstrations: Demonstrations) -> list[Lesson]:
 
 
 def _report(imitator: Imitator, lessons: list[Lesson], seconds: float, folder: Path) -> None:
-    print_lessons(lessons)
+    print_lessons(lessons_of(imitator)[-len(lessons) :])
     print()
     frames, lengths = sum(lesson.frames for lesson in lessons), imitator.network.schemas.lengths
     learned = f"{counted(len(lessons), 'episode')}, {counted(frames, 'frame')} in {seconds:.1f} s"
