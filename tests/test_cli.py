@@ -18,16 +18,22 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.image import imread
 from safetensors.torch import load_file
 from tqdm import tqdm
 
 from pacnet.cli import main
 from pacnet.cli.explanation import explain
+from pacnet.cli.explanation_text import print_explanation
 from pacnet.cli.printing import print_table
+from pacnet.cli.reasons import reason_of
 from pacnet.cli.seen import see
 from pacnet.demonstrations import load_demonstrations
+from pacnet.figure_style import BLUE
 from pacnet.imitator import Imitator, ImitatorStep
-from pacnet.network import PACNet
+from pacnet.network import Decision, PACNet
 
 PROJECT = Path(__file__).parents[1]
 STATE, SURROUNDINGS, ACTION = "observation.state", "observation.environment_state", "action"
@@ -309,6 +315,8 @@ def test_info_for_machines_has_the_same(
     assert [lesson["episode"] for lesson in told["lessons"]] == list(range(6))
     assert told["lessons"][0]["unfamiliar"] is None
     assert told["bytes"] == sum(file.stat().st_size for file in imitator.iterdir())
+    first = np.mean([shown.action[0].numpy() for shown in load_demonstrations(dataset)], axis=0)
+    assert told["first_action"] == pytest.approx(first, rel=1e-5)
 
 
 def test_commands_find_the_imitator_of_a_policy(
@@ -386,6 +394,37 @@ def test_watch_says_what_it_sees_in_each_episode(
     pictures = sorted(path.name for path in (tmp_path / "pictures").iterdir())
     assert pictures == ["episode_000.png", "episode_001.png", "episode_002.png"]
     assert value_of("pictures", out) == str(tmp_path / "pictures")
+
+
+def test_watch_draws_what_it_saw(
+    imitator: Path, other: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    figures, save = [], Figure.savefig
+
+    def saved(self: Figure, file: Path) -> None:
+        save(self, file)
+        figures.append(self)
+
+    monkeypatch.setattr(Figure, "savefig", saved)
+    assert run("watch", imitator, other, "--out", tmp_path) == 0
+    known, shown = Imitator.from_pretrained(imitator), load_demonstrations(other)
+    for number, (figure, episode) in enumerate(zip(figures, shown, strict=True)):
+        title = f"Episode {number}, recorded as “{episode.task}”"
+        assert figure.get_suptitle() == title
+        known.reset()
+        steps = [known.step(percept) for percept in episode.percepts]
+        curve, threshold, *_ = figure.axes[2].lines
+        np.testing.assert_allclose(curve.get_xdata(), np.arange(80) / 20)
+        np.testing.assert_allclose(curve.get_ydata(), [step.novelty for step in steps], rtol=1e-6)
+        assert set(threshold.get_ydata()) == {1}  # where the imitator begins to hold
+        assert figure.axes[2].get_xlim() == (0, 4)
+        band = figure.axes[2].collections[-1].get_paths()
+        for frame, step in enumerate(steps):
+            middle = ((frame + 0.5) / 20, 0.05)
+            assert any(part.contains_point(middle) for part in band) == (step.action is None)
+        pixels = imread(tmp_path / f"episode_{number:03}.png")[..., :3]
+        inked = (np.abs(pixels - to_rgb(BLUE)) < 0.01).all(axis=2).mean()  # drinking is the first
+        assert inked > 0.01
 
 
 def test_watch_says_why_it_holds_where_nothing_is_new(
@@ -645,8 +684,6 @@ def test_explain_ranks_schemas_and_nodes(
 def test_explain_says_why_the_most_confident_schema_has_not_won(
     imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
-    from pacnet.cli.explanation_text import print_explanation
-
     told = explained(capsys, imitator, other, "--episode", 0, "--frame", 60)
     print_explanation(told)
     assert "is given up" not in capsys.readouterr().out
@@ -665,6 +702,62 @@ def test_explain_says_why_nothing_is_done(
     out = capsys.readouterr().out
     assert value_of("does", out) == "holds: the percept is new in y"
     assert "(only a match from 0.55)" in value_of("winner", out)
+
+
+KNOWN = Decision(np.zeros(2), np.zeros(2), 7, 0.9, novelty=False, position=0, schema=3)
+
+
+@pytest.mark.parametrize(
+    ("decision", "changes", "sentence"),
+    [
+        (KNOWN, {}, "the percept is known, and a motor schema is confident"),
+        (KNOWN, {"is_novel": True, "action": None}, "the percept is new in elbow"),
+        (
+            KNOWN._replace(target=None, novelty=True),
+            {"is_novel": True, "action": None},
+            "the percept is new in elbow",  # which says more than that nothing matches
+        ),
+        (
+            KNOWN._replace(target=None, novelty=True),
+            {"action": None},
+            "no node of the map matches the percept",
+        ),
+        (
+            KNOWN._replace(target=None),
+            {"action": None},
+            "no motor schema of node 7 is confident",
+        ),
+        (KNOWN, {"action": None}, "the forward model cannot tell which action leads to the target"),
+    ],
+)
+def test_what_it_does_has_a_reason(decision: Decision, changes: dict[str, Any], sentence: str):
+    step = ImitatorStep(np.zeros(2), False, 0.5, "elbow", 0.1, 0.2, decision)
+    assert reason_of(step._replace(**changes)).sentence == sentence
+
+
+def test_explain_prints_how_far_the_percept_is_off_and_what_is_tolerated(
+    imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
+):
+    told = explained(capsys, imitator, other, "--episode", 2, "--frame", 79)
+    known = Imitator.from_pretrained(imitator)
+    for percept in load_demonstrations(other).episodes[2].percepts:
+        step = known.step(percept)
+    assert (told["deviation"], told["tolerated"]) == (step.deviation, step.tolerated)
+    print_explanation({**told, "novelty": 6.0, "deviation": -1.5, "tolerated": 0.25})
+    novelty = value_of("novelty", capsys.readouterr().out)
+    assert novelty == "6.00 (new over 1), largest in y: -1.5, 0.25 is tolerated"
+
+
+def test_explain_says_that_an_action_is_held_back(
+    imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
+):
+    told = explained(capsys, imitator, other, "--episode", 1, "--frame", 60)
+    print_explanation(told)
+    assert "\naction\n" in capsys.readouterr().out
+    print_explanation({**told, "does": "holds", "action": None})  # as where the percept is new
+    out = capsys.readouterr().out
+    assert "\naction, which is held back\n" in out
+    assert rows_under("name", out)[0] == ["right", f"{told['target']['right']:.4g}"]
 
 
 def test_explain_prints_what_it_tells_machines(
