@@ -1,4 +1,4 @@
-"""Why an imitator would do what it would do at one frame, as JSON holds it and as text."""
+"""Why an imitator would do what it would do at one frame, as JSON holds it."""
 
 from __future__ import annotations
 

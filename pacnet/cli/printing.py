@@ -46,9 +46,9 @@ def print_json(document: Any) -> None:
     print(json.dumps(_without_nan(document), indent=2, ensure_ascii=False))
 
 
-def counted(count: int, one: str, many: str | None = None) -> str:
+def counted(count: int, one: str) -> str:
     """A number with its noun: 1 node, 2 nodes."""
-    return f"{count:,} {one if count == 1 else many or one + 's'}"
+    return f"{count:,} {one if count == 1 else one + 's'}"
 
 
 def size_of(folder: str | Path) -> int:
