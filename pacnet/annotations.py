@@ -6,6 +6,7 @@ columns of other names are left alone by its policies.
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pacnet.datasets.lerobot_files import PICTURES, DatasetError, read_info
 from pacnet.datasets.recording import RESERVED, Feature, checked_features, checked_frames
 from pacnet.demonstrations import Demonstrations, load_demonstrations
+from pacnet.durable import NEW, flush_folder, make_folder
 from pacnet.recorder import Recorder
 
 _INTEGERS = 2**24  # from here on float32, as which features are read, does not hold all of them
@@ -32,7 +34,7 @@ def write_annotated(
     such and all floats as float32. Episodes are numbered from 0 and their time runs from 0. Columns
     of one dimension read back as scalars.
 
-    Everything is checked before the copy is begun.
+    Everything is checked before the copy is begun, and the copy is there as a whole or not at all.
 
     Args:
         source: The dataset's folder.
@@ -60,14 +62,20 @@ def write_annotated(
     added = _extra_features(columns, episodes)
     annotations = _checked_annotations(added, episodes, lengths)
     features = {name: _feature(info, name, part) for name, part in copied.items()}
-    recorder = Recorder(destination, _whole(info["fps"]), features | added, info.get("robot_type"))
-    with recorder:
-        for number, (episode, extra) in enumerate(zip(first, annotations, strict=True)):
-            frames = {
-                name: part.episodes[number].state.numpy().astype(features[name].dtype)
-                for name, part in copied.items()
-            }
-            recorder.save_episode(episode.task, frames | extra)
+    make_folder(destination.parent)
+    place = {"prefix": f".{destination.name}.", "suffix": NEW, "dir": destination.parent}
+    with TemporaryDirectory(**place) as folder:  # also removes what an interrupt leaves
+        copy = Path(folder) / destination.name
+        fps, robot_type = _whole(info["fps"]), info.get("robot_type")
+        with Recorder(copy, fps, features | added, robot_type) as recorder:
+            for number, (episode, extra) in enumerate(zip(first, annotations, strict=True)):
+                frames = {
+                    name: part.episodes[number].state.numpy().astype(features[name].dtype)
+                    for name, part in copied.items()
+                }
+                recorder.save_episode(episode.task, frames | extra)
+        copy.rename(destination)
+    flush_folder(destination.parent)
 
 
 def check_source(

@@ -35,6 +35,11 @@ def tidy(axes: Axes, title: str, x_label: str, y_label: str) -> None:
     axes.set_axisbelow(True)
 
 
+def literal(text: str) -> str:
+    """A text on one line that matplotlib writes as it stands: no formula between dollar signs."""
+    return " ".join(text.split()).replace("$", r"\$")
+
+
 def component_axes(title: str, variance_ratio: ArrayLike) -> tuple[Figure, Axes]:
     """A figure of two principal components, one scale on both axes so that distances are true."""
     shares = finite_array("variance_ratio", variance_ratio, (None,))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,13 +15,27 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from pacnet.figure_style import BLUE, GREEN, GREY, INK, VERMILION, new_figure, tidy, winner_series
+from pacnet.figure_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    LABEL_SIZE,
+    VERMILION,
+    literal,
+    new_figure,
+    tidy,
+    winner_series,
+)
 from pacnet.recognition import Recognition
 
 # Okabe & Ito's, the lightest last; a seventh behaviour starts again, hatched.
 _COLOURS = (BLUE, VERMILION, GREEN, "#cc79a7", "#56b4e9", "#e69f00")
 _HATCHES = ("", "///", "...", "xxx")
-_NUMBERED_NODES = 8  # most whose numbers fit beside their rows
+_NUMBERED_NODES = 40  # most whose numbers are written beside their rows
+_ROW = 0.12  # of a node whose number is written [inches]
+_LINE = 0.17  # of the legend [inches]
+_TITLE_WIDTH = 80  # letters
 
 
 def recognition_over_time(
@@ -28,6 +44,7 @@ def recognition_over_time(
     threshold: float,
     timestep: float,
     title: str,
+    acts: NDArray[np.bool_] | None = None,
 ) -> Figure:
     """What was recognised in an episode: behaviour, progress, novelty and winners over time.
 
@@ -41,6 +58,7 @@ def recognition_over_time(
         threshold: of novelty.
         timestep: Time from one sample to the next [s].
         title: of the figure.
+        acts: whether the robot would act [T], to mark where it would hold.
 
     Raises:
         ValueError: Not one title for each behaviour, or a timestep that is not positive.
@@ -51,20 +69,25 @@ def recognition_over_time(
     if not timestep > 0:
         raise ValueError(f"expected timestep > 0 [s], got {timestep}")
     seconds = timestep * np.arange(len(recognition.behaviour))
-    named = recognition.behaviour.numpy()
-    figure = new_figure(8.5, 7.4)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=12)
-    panels = figure.subplots(4, 1, sharex=True, height_ratios=(1.3, 1.3, 1, 1.3))
+    named, winners = recognition.behaviour.numpy(), winner_series(recognition.winner.numpy())
+    legend, columns = _legend(behaviours, acts is not None)
+    rows = min(len(set(winners.tolist())), _NUMBERED_NODES) * _ROW  # [inches]
+    figure = new_figure(8.5, 6.8 + max(0.0, rows - 1.3) + _height(legend, columns))
+    figure.suptitle(_wrapped(title, _TITLE_WIDTH), x=0.01, ha="left", fontsize=12)
+    heights = (1.3, 1.3, 1.1, max(1.3, rows))
+    panels = figure.subplots(4, 1, sharex=True, height_ratios=heights)
     _draw_probabilities(panels[0], seconds, timestep, recognition.probability.numpy())
     _draw_progress(panels[1], seconds, recognition.progress.numpy(), named)
     _draw_novelty(panels[2], seconds, recognition.novelty.numpy(), threshold)
-    _draw_winners(panels[3], seconds, winner_series(recognition.winner.numpy()), named)
+    _draw_winners(panels[3], seconds, winners, named)
     for axes in panels[1:]:
         _shade(axes, seconds, timestep, recognition.is_novel.numpy())
+    if acts is not None:
+        _draw_holds(panels[2], seconds, timestep, ~acts)
     panels[-1].set_xlim(0, seconds[-1] + timestep)
     panels[-1].set_xlabel("time [s]")
     figure.align_ylabels()
-    figure.legend(handles=_legend(behaviours), loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(handles=legend, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
@@ -94,26 +117,37 @@ def _draw_progress(axes: Axes, seconds: NDArray, progress: NDArray, named: NDArr
 
 def _draw_novelty(axes: Axes, seconds: NDArray, novelty: NDArray, threshold: float) -> None:
     tidy(axes, "Novelty", "", "novelty")
-    axes.plot(seconds, novelty, color=INK, linewidth=1.2)
+    marker = "." if len(seconds) == 1 else None  # a line needs two
+    axes.plot(
+        seconds, novelty, marker=marker, markersize=9, color=INK, linewidth=1.2, clip_on=False
+    )
     axes.axhline(threshold, color=INK, linestyle=":", linewidth=1.4)
     axes.set_ylim(0, max(1, 1.05 * float(novelty.max())))
 
 
+def _draw_holds(axes: Axes, seconds: NDArray, timestep: float, holds: NDArray) -> None:
+    """A band under the curve."""
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom - 0.16 * (top - bottom), top)
+    axes.axhline(bottom, color=GREY, linewidth=0.6)
+    _fill(axes, seconds, timestep, holds, (0, 0.1), facecolor=INK, zorder=2)
+
+
 def _draw_winners(axes: Axes, seconds: NDArray, winners: NDArray, named: NDArray) -> None:
     """A row a node, in the order in which they first win; no match in a row below."""
-    tidy(axes, "Winning nodes", "", "node, by first win")
+    tidy(axes, "Winning nodes, by first win", "", "node")
     order = [node for node in dict.fromkeys(winners.tolist()) if node >= 0]
     row_of = {node: row for row, node in enumerate(order)}
     nobody = -max(1, 0.12 * len(order))  # the row below, far enough for its name
     rows = np.array([row_of.get(node, nobody) for node in winners.tolist()])
     won = winners >= 0
     _dots(axes, seconds[won], rows[won], named[won])
-    axes.plot(seconds[~won], rows[~won], "x", color=INK, markersize=4)
     every = -(-len(order) // _NUMBERED_NODES) or 1
     ticks = {float(row): str(order[row]) for row in range(0, len(order), every)}
-    if not won.all():
+    if not won.all():  # an empty line that is not clipped would upset the layout
+        axes.plot(seconds[~won], rows[~won], "x", color=INK, markersize=4, clip_on=False)
         ticks[nobody] = "no match"
-    axes.set_yticks(list(ticks), list(ticks.values()))
+    axes.set_yticks(list(ticks), list(ticks.values()), fontsize=LABEL_SIZE)
     axes.set_ylim(min(ticks) - 0.6, max(len(order), 1) - 0.4)
 
 
@@ -121,28 +155,62 @@ def _dots(axes: Axes, seconds: NDArray, values: NDArray, named: NDArray) -> None
     """Samples, in the colour of the behaviour that each was named."""
     for number in np.unique(named):
         own = named == number
-        axes.plot(seconds[own], values[own], ".", color=_colour(number), markersize=4)
+        axes.plot(
+            seconds[own], values[own], ".", color=_colour(number), markersize=4, clip_on=False
+        )
 
 
 def _shade(axes: Axes, seconds: NDArray, timestep: float, novel: NDArray) -> None:
+    _fill(axes, seconds, timestep, novel, (0, 1), color=GREY, alpha=0.3, zorder=0)
+
+
+def _fill(
+    axes: Axes,
+    seconds: NDArray,
+    timestep: float,
+    where: NDArray,
+    heights: tuple[float, float],
+    **style: Any,
+) -> None:
+    """Samples for which something is so, between two heights in shares of the panel's."""
+    edges = np.append(seconds, seconds[-1] + timestep)
     axes.fill_between(
-        np.append(seconds, seconds[-1] + timestep), 0, 1, where=np.append(novel, novel[-1]),
-        step="post", transform=axes.get_xaxis_transform(), color=GREY, alpha=0.3, linewidth=0,
-        zorder=0,
+        np.repeat(edges, 2)[1:-1], *heights, where=np.repeat(where, 2),
+        transform=axes.get_xaxis_transform(), linewidth=0, **style,
     )  # fmt: skip
 
 
-def _legend(behaviours: Sequence[str]) -> list[Patch | Line2D]:
+def _legend(behaviours: Sequence[str], shows_holds: bool) -> tuple[list[Patch | Line2D], int]:
+    """The entries, and in how many columns they fit."""
+    columns = 3 if max(map(len, behaviours)) <= 30 else 2
     shares = [
-        Patch(facecolor=_colour(number), hatch=_hatch(number), edgecolor="white", label=title)
+        Patch(
+            facecolor=_colour(number), hatch=_hatch(number), edgecolor="white",
+            label=_wrapped(title, 90 // columns),
+        )
         for number, title in enumerate(behaviours)
-    ]
-    return [
+    ]  # fmt: skip
+    holds = [Patch(facecolor=INK, label="would hold, not act")] if shows_holds else []
+    entries = [
         *shares,
         Line2D([], [], color=INK, linestyle="--", linewidth=1, label="steady pace"),
         Line2D([], [], color=INK, linestyle=":", linewidth=1.4, label="novelty threshold"),
         Patch(facecolor=GREY, alpha=0.3, label="novel"),
+        *holds,
     ]
+    return entries, columns
+
+
+def _height(legend: Sequence[Patch | Line2D], columns: int) -> float:
+    """Of the entries in so many columns [inches]."""
+    lines = [str(entry.get_label()).count("\n") + 1.5 for entry in legend]
+    return _LINE * max(part.sum() for part in np.array_split(lines, columns))
+
+
+def _wrapped(text: str, width: int) -> str:
+    """On three lines at most."""
+    lines = textwrap.wrap(literal(text), width, max_lines=3, placeholder=" …")
+    return "\n".join(lines)
 
 
 def _colour(number: int) -> str:

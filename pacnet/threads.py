@@ -14,6 +14,11 @@ _Given = TypeVar("_Given")
 _Made = TypeVar("_Made")
 
 
+def use_one_thread() -> None:
+    """For small tensors, over which more threads would only wait on one another."""
+    torch.set_num_threads(1)
+
+
 def in_threads(call: Callable[[_Given], _Made], parts: Iterable[_Given]) -> list[_Made]:
     """Calls it for each part, in as many threads as torch uses; results in the parts' order."""
     threads = torch.get_num_threads()

@@ -287,3 +287,25 @@ BAD_EPISODES = {
 def test_bad_columns_are_refused_before_anything_is_written(source: Path, case: str):
     episodes, message = BAD_EPISODES[case]
     refused(source, message, episodes=episodes)
+
+
+@pytest.mark.parametrize("interrupt", [KeyboardInterrupt, OSError, MemoryError])
+def test_a_copy_that_is_interrupted_leaves_nothing(
+    interrupt: type[BaseException], source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    save, saved = Recorder.save_episode, []
+
+    def interrupted(self: Recorder, task: str, columns: Mapping[str, Any]) -> None:
+        save(self, task, columns)
+        saved.append(task)
+        if len(saved) == 2:
+            raise interrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Recorder, "save_episode", interrupted)
+        with pytest.raises(interrupt):
+            write_annotated(source, tmp_path / "copies" / "copy", COLUMNS, added())
+    assert list((tmp_path / "copies").iterdir()) == []
+    write_annotated(source, tmp_path / "copies" / "copy", COLUMNS, added())
+    assert [path.name for path in (tmp_path / "copies").iterdir()] == ["copy"]
+    assert len(load_demonstrations(tmp_path / "copies" / "copy").episodes) == 3

@@ -2,11 +2,14 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from pacnet.cli import make_parser
 
 PROJECT = Path(__file__).parents[1]
 README = (PROJECT / "README.md").read_text()
@@ -39,11 +42,46 @@ def test_its_commands_explain_themselves(module: str):
     assert "--help" in done.stdout
 
 
+def commands(name: str) -> list[list[str]]:
+    """The arguments of each command of that name in the block about LeRobot datasets."""
+    block = README.split("## With a LeRobot dataset")[1].split("```")[1]
+    lines = [shlex.split(line, comments=True) for line in block.splitlines()]
+    return [words[1:] for words in lines if words[:1] == [name]]
+
+
+def test_its_commands_have_these_arguments():
+    parser = make_parser()
+    parsed = [parser.parse_args(arguments) for arguments in commands("pacnet")]
+    assert [arguments.run.__module__ for arguments in parsed] == [
+        "pacnet.cli.fit", "pacnet.cli.watch", "pacnet.cli.explain"
+    ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_its_training_has_these_arguments():
+    pytest.importorskip("lerobot")
+    (arguments,) = commands("lerobot-train")
+    code = f"""
+import draccus
+import lerobot_policy_pacnet
+from lerobot.configs.train import TrainPipelineConfig
+config = draccus.parse(TrainPipelineConfig, args={arguments})
+assert config.policy.type == "pacnet"
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=PROJECT, check=True)
+
+
 def test_its_links_lead_somewhere():
     docs = PROJECT / "docs"
-    for folder, text in ((PROJECT, README), (docs, EXPERIMENTS), (docs, BEHAVIOURS)):
+    pages = (
+        (PROJECT, README, 5),
+        (docs, EXPERIMENTS, 5),
+        (docs, BEHAVIOURS, 5),
+        (docs, LEROBOT, 0),
+    )
+    for folder, text, more_than in pages:
         links = re.findall(r"\]\(([^)#:]+)\)", text)
-        assert len(links) > 5
+        assert len(links) > more_than
         for link in links:
             assert (folder / link).exists(), link
 

@@ -5,12 +5,14 @@ import re
 import shlex
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
+from matplotlib import cbook
 from matplotlib.colors import to_hex
 from torch import Tensor
 
@@ -186,6 +188,69 @@ def test_any_episode_can_be_drawn(tmp_path: Path):
         recognition_over_time(recognition, names[1:], 0.5, 0.1, "Episode")
     with pytest.raises(ValueError, match="expected timestep > 0"):
         recognition_over_time(recognition, names, 0.5, 0.0, "Episode")
+
+
+def test_where_the_robot_would_hold_there_is_a_band_under_the_novelty():
+    acts = np.array([True, False, False, True, True])
+    figure = recognition_over_time(RIGHT.recognition, BEHAVIOURS, 0.5, 0.1, "Episode", acts)
+    novelty = figure.axes[2]
+    _, band = novelty.collections
+    vertices = band.get_paths()[0].vertices
+    assert (vertices[:, 0].min(), vertices[:, 0].max()) == pytest.approx((0.1, 0.3))
+    top = novelty.get_ylim()[0] + vertices[:, 1].max() * np.diff(novelty.get_ylim())[0]
+    assert top < min(novelty.lines[0].get_ydata())
+    assert figure.legends[0].get_texts()[-1].get_text() == "would hold, not act"
+
+
+def test_each_node_has_its_number():
+    winners = torch.arange(100) % 30
+    recognition = recognised([0] * 100, [0.0] * 100, [0.1] * 100)._replace(winner=winners)
+    figure = recognition_over_time(recognition, BEHAVIOURS, 0.5, 0.1, "Episode")
+    labels = figure.axes[-1].get_yticklabels()
+    assert [label.get_text() for label in labels] == [str(node) for node in range(30)]
+    figure.draw_without_rendering()
+    boxes = [label.get_window_extent() for label in labels]
+    assert all(below.y1 < above.y0 + 1 for below, above in pairwise(boxes))  # [pixels]
+
+
+def test_long_names_are_not_cut_off():
+    task = "pick up the {} cube and place it carefully into the box on the far side of the table"
+    names = [task.format(f"{colour} {shade}") for colour in ("red", "blue") for shade in range(6)]
+    recognition = Recognition(
+        torch.full((40, 12), 1 / 12), torch.zeros(40, dtype=torch.int64), *torch.zeros(4, 40),
+        torch.zeros(40, dtype=torch.bool), torch.zeros(40, dtype=torch.int64),
+    )  # fmt: skip
+    figure = recognition_over_time(recognition, names, 0.5, 0.1, f"Episode 3, “{names[0]}”")
+    figure.draw_without_rendering()
+    title = figure.texts[0]
+    for part in (title, *figure.legends[0].get_texts()):
+        box = part.get_window_extent()
+        assert figure.bbox.contains(box.x0, box.y0)
+        assert figure.bbox.contains(box.x1, box.y1)
+    shown = [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()]
+    assert shown[:12] == names
+    assert figure.axes[0].get_window_extent().height > 1.1 * figure.dpi  # there is room for all
+
+
+def test_an_episode_of_one_frame_can_be_seen():
+    frame = Recognition(*(value[:1] for value in RIGHT.recognition))
+    figure = recognition_over_time(frame, BEHAVIOURS, 0.5, 0.1, "Episode")
+    for axes in figure.axes[1:]:
+        (dot,) = [line for line in axes.lines if line.get_marker() == "."]
+        assert len(dot.get_xdata()) == 1
+        assert not dot.get_clip_on()  # it lies on the edge
+
+
+def test_names_are_written_as_they_stand(tmp_path: Path):
+    names = ("$x_1$ costs $", "lift\n\ta  cup")
+    title = "Episode 1, “$x_1$ costs $”"
+    figure = recognition_over_time(RIGHT.recognition, names, 0.5, 0.1, title)
+    figure.savefig(tmp_path / "figure.png")  # "$ costs $" would be no formula
+    (legend,) = figure.legends
+    written = [figure.get_suptitle(), *(text.get_text() for text in legend.get_texts()[:2])]
+    assert [cbook.is_math_text(text) for text in written] == [False] * 3
+    shown = [text.replace(r"\$", "$") for text in written]
+    assert shown == [title, names[0], "lift a cup"]
 
 
 def curve(behaviour: str, seed: int, samples: int = 80) -> Tensor:

@@ -34,7 +34,9 @@ def run(arguments: argparse.Namespace) -> None:
     from pacnet.cli.explanation import explain
     from pacnet.cli.explanation_text import print_explanation
     from pacnet.cli.sources import load_imitator, load_percepts
+    from pacnet.threads import use_one_thread
 
+    use_one_thread()
     imitator = load_imitator(arguments.checkpoint)
     demonstrations = load_percepts(imitator, arguments.dataset)
     document = explain(imitator, demonstrations, arguments.episode, arguments.frame)

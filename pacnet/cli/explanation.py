@@ -1,4 +1,4 @@
-"""Why an imitator would do what it would do at one frame, as JSON holds it and as text."""
+"""Why an imitator would do what it would do at one frame, as JSON holds it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from pacnet.attention import NOBODY
+from pacnet.cli.reasons import reason_of
 from pacnet.competing_schemas import CompetingSchemas
 from pacnet.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator, ImitatorStep
@@ -33,15 +34,15 @@ def explain(
     imitator.reset()
     percepts = shown.percepts[: frame + 1]
     steps = [imitator.step(percept) for percept in percepts.numpy()]
-    step, fps = steps[-1], demonstrations.fps
+    step = steps[-1]
     return {
         "dataset": demonstrations.source,
         "episode": episode,
         "task": shown.task,
         "frame": frame,
-        "seconds": frame / fps,
+        "seconds": frame / demonstrations.fps,
         "does": "acts" if step.action is not None else "holds",
-        "because": _reason(step),
+        "because": reason_of(step).sentence,
         "novelty": step.novelty,
         "is_novel": step.is_novel,
         "dimension": step.dimension,
@@ -52,7 +53,7 @@ def explain(
         "targets_are": imitator.config.targets,
         "target": _target(imitator, step),
         "action": _named(imitator.config.action, step.action),
-        "origins": _origins(imitator, step, fps),
+        "origins": _origins(imitator, step),
         "margin": _competing(imitator).config.margin,
         "schemas": _rivals(imitator, step, percepts[-1]),
         "nodes": _nodes(imitator, percepts[-1]),
@@ -72,19 +73,6 @@ def _find(demonstrations: Demonstrations, episode: int, frame: int) -> Demonstra
             f"expected a frame of episode {episode}, 0 to {len(shown.state) - 1}, got {frame}"
         )
     return shown
-
-
-def _reason(step: ImitatorStep) -> str:
-    decision = step.decision
-    if step.is_novel:
-        return f"the percept is new in {step.dimension}"
-    if decision.novelty:
-        return "no node of the map matches the percept"
-    if decision.target is None:
-        return f"no motor schema of node {decision.winner} is confident"
-    if step.action is None:
-        return "the forward model cannot tell which action leads to the target"
-    return "the percept is known, and a motor schema is confident"
 
 
 def _choice(imitator: Imitator, step: ImitatorStep) -> dict[str, Any]:
@@ -112,7 +100,7 @@ def _named(names: tuple[str, ...], values: Any) -> dict[str, float] | None:
     return None if values is None else dict(zip(names, values.tolist(), strict=True))
 
 
-def _origins(imitator: Imitator, step: ImitatorStep, fps: float) -> list[dict[str, Any]]:
+def _origins(imitator: Imitator, step: ImitatorStep) -> list[dict[str, Any]]:
     """The frames of demonstrations that the target stands for."""
     schema, position = step.decision.schema, step.decision.position
     if schema == NOBODY:
@@ -126,7 +114,7 @@ def _origins(imitator: Imitator, step: ImitatorStep, fps: float) -> list[dict[st
                 "episode": lesson.episode,
                 "task": lesson.task,
                 "frame": origin.frame,
-                "seconds": origin.frame / fps,
+                "seconds": origin.frame / imitator.config.fps,
             }
         )
     return origins

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_dataset
+from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_dataset, path
 from pacnet.cli.printing import counted, print_pairs
 
 _MORE = """The copy is a LeRobot dataset with these columns more: behaviour (the probability of each
@@ -22,7 +22,7 @@ def add_to(commands: Commands) -> None:
     add_checkpoint(parser)
     add_dataset(parser)
     parser.add_argument(
-        "--out", metavar="DIR", required=True,
+        "--out", type=path, metavar="DIR", required=True,
         help="folder of the copy, which must not exist yet",
     )  # fmt: skip
 

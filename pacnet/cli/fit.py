@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pacnet.cli.lessons import print_lessons
-from pacnet.cli.parsing import Commands, add_command, add_dataset, positive
+from pacnet.cli.lessons import lessons_of, print_lessons
+from pacnet.cli.parsing import Commands, add_command, add_dataset, check_folder, path, positive
 from pacnet.cli.printing import counted, print_pairs, size_text
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def add_to(commands: Commands) -> None:
     parser = add_command(commands, "fit", summary, _MORE, _EXAMPLE, run)
     add_dataset(parser)
     parser.add_argument(
-        "--out", metavar="DIR", required=True, help="folder to write the checkpoint to"
+        "--out", type=path, metavar="DIR", required=True, help="folder to write the checkpoint to"
     )
     parser.add_argument(
         "--from", dest="origin", metavar="CHECKPOINT",
@@ -70,7 +70,9 @@ def run(arguments: argparse.Namespace) -> None:
     _check_out(arguments)
     from pacnet.cli.sources import checkpoint_folder
     from pacnet.interrupts import interrupts_held_back
+    from pacnet.threads import use_one_thread
 
+    use_one_thread()
     imitator, demonstrations = _prepare(arguments)
     began = time.perf_counter()
     lessons = _learn(imitator, demonstrations)
@@ -96,9 +98,8 @@ def _check_out(arguments: argparse.Namespace) -> None:
     from pacnet.checkpoint import TENSOR_FILE
     from pacnet.cli.sources import checkpoint_folder
 
+    check_folder("--out", arguments.out)
     folder, out = checkpoint_folder(arguments.out), Path(arguments.out)
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"expected --out as a folder, '{out}' is a file")
     origin = arguments.origin
     goes_on = origin is not None and folder.resolve() == checkpoint_folder(origin).resolve()
     if (folder / TENSOR_FILE).exists() and not goes_on and not arguments.overwrite:
@@ -131,14 +132,18 @@ def _prepare(arguments: argparse.Namespace) -> tuple[Imitator, Demonstrations]:
 
 
 def _learn(imitator: Imitator, demonstrations: Demonstrations) -> list[Lesson]:
-    from pacnet.cli.progress import progress_bar
+    from pacnet.cli.progress import frames_of, progress_bar
 
-    with progress_bar("learning", demonstrations) as advance:
+    frames = frames_of(demonstrations)
+    if imitator.forward_model is not None and not imitator.lessons:
+        transitions = counted(frames - len(demonstrations), "transition")
+        print(f"fitting the forward model to {transitions} ...", file=sys.stderr)
+    with progress_bar("learning", frames) as advance:
         return imitator.learn(demonstrations, advance)
 
 
 def _report(imitator: Imitator, lessons: list[Lesson], seconds: float, folder: Path) -> None:
-    print_lessons(lessons)
+    print_lessons(lessons_of(imitator)[-len(lessons) :])
     print()
     frames, lengths = sum(lesson.frames for lesson in lessons), imitator.network.schemas.lengths
     learned = f"{counted(len(lessons), 'episode')}, {counted(frames, 'frame')} in {seconds:.1f} s"

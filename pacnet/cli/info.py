@@ -70,6 +70,8 @@ def describe(checkpoint: str) -> dict[str, Any]:
 
 
 def _of_imitator(imitator: Imitator) -> dict[str, Any]:
+    from pacnet.cli.lessons import lessons_of
+
     config = imitator.config
     scale = iter(imitator.network.sofm.scale.tolist())
     return {
@@ -83,7 +85,7 @@ def _of_imitator(imitator: Imitator) -> dict[str, Any]:
         },
         "action": list(config.action),
         "first_action": imitator.first_action.tolist(),
-        "lessons": [lesson._asdict() for lesson in imitator.lessons],
+        "lessons": lessons_of(imitator),
     }
 
 
@@ -113,10 +115,9 @@ def _print(document: Mapping[str, Any]) -> None:
     _print_percept(document["percept"])
     if document.get("lessons"):
         from pacnet.cli.lessons import print_lessons
-        from pacnet.imitator import Lesson
 
         print("\nlearned from")
-        print_lessons([Lesson(**lesson) for lesson in document["lessons"]])
+        print_lessons(document["lessons"])
 
 
 def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:

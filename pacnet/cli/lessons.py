@@ -1,36 +1,56 @@
-"""The table of lessons: what was new in each episode that was learned."""
+"""The table of lessons: what was new in each episode that was learned, and what is left of it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 from pacnet.cli.printing import over_tolerated, print_table
 
 if TYPE_CHECKING:
-    from pacnet.imitator import Lesson
+    from pacnet.imitator import Imitator
 
 _HEADS = (
-    "<dataset", "episode", "<task", "frames", "new nodes", "nodes", "unmatched", "unfamiliar",
+    "<dataset", "episode", "<task", "frames", "new nodes", "nodes", "remembered", "unfamiliar",
 )  # fmt: skip
-_LEGEND = """unmatched: frames that were unlike every node of the map when they came
+_LEGEND = """remembered: its frames that motor schemas stand for; of the others no targets were kept
 unfamiliar: its largest novelty before it was learned, over what is tolerated; over 1 is new"""
 
 
-def print_lessons(lessons: Sequence[Lesson]) -> None:
-    """Prints a row for each episode, and what the columns mean."""
+def lessons_of(imitator: Imitator) -> list[dict[str, Any]]:
+    """All that was learned, as JSON holds it: each lesson, and the share that is remembered."""
+    import numpy as np
+
+    from pacnet.competing_schemas import CompetingSchemas
+
+    schemas = imitator.network.schemas
+    assert isinstance(schemas, CompetingSchemas)  # of every imitator
+    passes = {name: schemas.passes.live(name).numpy() for name in schemas.passes.columns}
+    numbers = schemas.episodes.live("number").numpy()[passes["episode"]]
+    lessons = []
+    for number, lesson in enumerate(imitator.lessons):
+        remembered = np.zeros(lesson.frames, dtype=bool)
+        own = numbers == number
+        for first, last in zip(passes["first"][own], passes["last"][own], strict=True):
+            remembered[first : last + 1] = True
+        lessons.append(lesson._asdict() | {"remembered_share": float(remembered.mean())})
+    return lessons
+
+
+def print_lessons(lessons: Iterable[Mapping[str, Any]]) -> None:
+    """Prints a row for each of them, as `lessons_of` gives them, and what the columns mean."""
     print_table(_HEADS, map(_row, lessons))
     print(_LEGEND)
 
 
-def _row(lesson: Lesson) -> tuple[str, ...]:
+def _row(lesson: Mapping[str, Any]) -> tuple[str, ...]:
     return (
-        lesson.dataset,
-        f"{lesson.episode}",
-        lesson.task or "untitled",
-        f"{lesson.frames:,}",
-        f"{lesson.new_nodes}",
-        f"{lesson.nodes}",
-        f"{lesson.novel_share:.1%}",
-        over_tolerated(lesson.unfamiliar),
+        lesson["dataset"],
+        f"{lesson['episode']}",
+        lesson["task"] or "untitled",
+        f"{lesson['frames']:,}",
+        f"{lesson['new_nodes']}",
+        f"{lesson['nodes']}",
+        f"{lesson['remembered_share']:.1%}",
+        over_tolerated(lesson["unfamiliar"]),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeAlias
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -48,24 +49,46 @@ def add_checkpoint(parser: argparse.ArgumentParser) -> None:
 def add_dataset(parser: argparse.ArgumentParser) -> None:
     """The argument DATASET."""
     parser.add_argument(
-        "dataset", metavar="DATASET", help="folder of a LeRobot dataset (format v3.0)"
+        "dataset", type=path, metavar="DATASET", help="folder of a LeRobot dataset (format v3.0)"
     )
 
 
 def natural(text: str) -> int:
     """A whole number ≥ 0, for argparse."""
-    value = int(text)
-    if value < 0:
-        raise ValueError(text)
-    return value
+    return _whole(text, 0)
 
 
 def positive(text: str) -> int:
     """A whole number ≥ 1, for argparse."""
-    value = natural(text)
-    if value < 1:
-        raise ValueError(text)
+    return _whole(text, 1)
+
+
+def _whole(text: str, least: int) -> int:
+    expected = argparse.ArgumentTypeError(f"expected a whole number ≥ {least}, got {text!r}")
+    try:
+        value = int(text)
+    except ValueError:
+        raise expected from None
+    if value < least:
+        raise expected
     return value
+
+
+def path(text: str) -> str:
+    """The name of a file or folder, for argparse; an empty one would mean the working folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("expected the name of a file or folder, got an empty one")
+    return text
+
+
+def check_folder(option: str, folder: str) -> None:
+    """Refuses a file where a folder is to be written to.
+
+    Raises:
+        ValueError: there is a file of that name.
+    """
+    if Path(folder).exists() and not Path(folder).is_dir():
+        raise ValueError(f"expected {option} as a folder, '{folder}' is a file")
 
 
 class Formatter(argparse.RawDescriptionHelpFormatter):

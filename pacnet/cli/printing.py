@@ -19,9 +19,12 @@ def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         heads: of the columns; those that start with "<" are set flush left, the others right.
         rows: cells of each row.
     """
-    lines = [[head.removeprefix("<") for head in heads], *(map(_cut, row) for row in rows)]
-    lines = [list(line) for line in lines]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    columns = [
+        [head.removeprefix("<"), *_shortened(cells)]
+        for head, *cells in zip(heads, *rows, strict=True)
+    ]
+    lines = zip(*columns, strict=True)
+    widths = [max(map(len, column)) for column in columns]
     for line in lines:
         cells = [
             cell.ljust(width) if head.startswith("<") else cell.rjust(width)
@@ -43,9 +46,9 @@ def print_json(document: Any) -> None:
     print(json.dumps(_without_nan(document), indent=2, ensure_ascii=False))
 
 
-def counted(count: int, one: str, many: str | None = None) -> str:
+def counted(count: int, one: str) -> str:
     """A number with its noun: 1 node, 2 nodes."""
-    return f"{count:,} {one if count == 1 else many or one + 's'}"
+    return f"{count:,} {one if count == 1 else one + 's'}"
 
 
 def size_of(folder: str | Path) -> int:
@@ -66,9 +69,36 @@ def over_tolerated(novelty: float | None) -> str:
     return NOTHING if novelty is None else f"{novelty:.2f}"
 
 
-def _cut(cell: str) -> str:
-    cell = " ".join(cell.split())  # on one line
-    return cell if len(cell) <= _LONGEST else cell[: _LONGEST - 1] + "…"
+def _shortened(cells: Sequence[str]) -> list[str]:
+    """The cells of a column on one line each; long ones are cut, and can still be told apart."""
+    cells = [" ".join(cell.split()) for cell in cells]
+    long = sorted({cell for cell in cells if len(cell) > _LONGEST})
+    cut = {cell: f"{cell[: _LONGEST // 2]}…{cell[1 - _LONGEST // 2 :]}" for cell in long}
+    for looks in set(cut.values()):
+        alike = [cell for cell in long if cut[cell] == looks]
+        if len(alike) > 1:
+            cut.update(zip(alike, _told_apart(alike), strict=True))
+    return [cut.get(cell, cell) for cell in cells]
+
+
+def _told_apart(cells: Sequence[str]) -> Sequence[str]:
+    """The same, of which the beginning and the words that differ are left, if these fit."""
+    words = [cell.split() for cell in cells]
+    start = _same(words)
+    end = _same([part[:start:-1] for part in words])
+    parts = [" ".join(part[start : len(part) - end]) for part in words]
+    room = _LONGEST - 2 - max(map(len, parts))
+    if room < 1 or len(set(parts)) < len(cells):
+        return cells
+    shown = min(room, len(" ".join(words[0][:start])))
+    return [f"{cell[:shown].rstrip()}…{part}…" for cell, part in zip(cells, parts, strict=True)]
+
+
+def _same(lines: Sequence[Sequence[str]]) -> int:
+    """How many words are the same at the beginning of all lines."""
+    places = enumerate(zip(*lines, strict=False))
+    differ = (place for place, words in places if len(set(words)) > 1)
+    return next(differ, min(map(len, lines)))
 
 
 def _without_nan(document: Any) -> Any:

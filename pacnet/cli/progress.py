@@ -9,19 +9,24 @@ from pacnet.demonstrations import Demonstrations
 
 
 @contextmanager
-def progress_bar(doing: str, demonstrations: Demonstrations) -> Iterator[Callable[[int], None]]:
-    """Counts the frames of all demonstrations; gives what is called with how many more are done.
+def progress_bar(doing: str, total: int, unit: str = "frame") -> Iterator[Callable[[int], None]]:
+    """Gives what is called with how many more are done.
 
     Args:
         doing: what is being done, in a word.
-        demonstrations: that it is done with.
+        total: how many there are to do.
+        unit: what one of them is called.
     """
     from tqdm import tqdm
 
-    frames = sum(len(shown.state) for shown in demonstrations)
-    with tqdm(total=frames, desc=doing, unit="frame", disable=None, leave=False) as bar:
+    with tqdm(total=total, desc=doing, unit=unit, disable=None, leave=False) as bar:
 
-        def advance(frames: int) -> None:
-            bar.update(frames)
+        def advance(done: int) -> None:
+            bar.update(done)
 
         yield advance
+
+
+def frames_of(demonstrations: Demonstrations) -> int:
+    """Number of frames of all demonstrations."""
+    return sum(len(shown.state) for shown in demonstrations)

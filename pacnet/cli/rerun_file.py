@@ -38,7 +38,7 @@ def _send(
         "progress": recognition.progress,
         "winner": recognition.winner,
         **{
-            f"probability/{name}": recognition.probability[:, number]
+            f"probability/{rerun.escape_entity_path_part(name)}": recognition.probability[:, number]
             for number, name in enumerate(behaviours)
         },
     }

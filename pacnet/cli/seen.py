@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from pacnet.cli.progress import progress_bar
+from pacnet.cli.progress import frames_of, progress_bar
+from pacnet.cli.reasons import reason_of
 from pacnet.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator, ImitatorStep
 from pacnet.recognition import Recognition
+from pacnet.threads import use_one_thread
 from pacnet.watching import Watched, joined
 
 NOVEL_ABOVE = 1.0  # novelty of an imitator, over what is tolerated
@@ -26,17 +29,26 @@ class Seen:
         watched: what was recognised; its novelty is the imitator's, over what is tolerated.
         dimension: name of the dimension in which each frame departs most from what is known.
         acts: whether it would have acted, bool `[T]`.
+        reasons: why it would have acted or held, in a few words.
     """
 
     watched: Watched
     dimension: tuple[str, ...]
     acts: Tensor
+    reasons: tuple[str, ...]
+
+    @property
+    def holds_for(self) -> str | None:
+        """The commonest reason to hold; None if it always acts."""
+        reasons = (why for why, acts in zip(self.reasons, self.acts, strict=True) if not acts)
+        ((reason, _),) = Counter(reasons).most_common(1) or ((None, 0),)
+        return reason
 
 
 def see(imitator: Imitator, demonstrations: Demonstrations) -> Iterator[Seen]:
     """Watches one episode after the other, each from its start, with a progress bar."""
-    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
-    with progress_bar("watching", demonstrations) as advance:
+    use_one_thread()
+    with progress_bar("watching", frames_of(demonstrations)) as advance:
         for shown in demonstrations:
             yield _see_one(imitator, shown, advance)
 
@@ -57,4 +69,5 @@ def _see_one(imitator: Imitator, shown: Demonstration, advance: Callable[[int], 
         Watched(shown, recognition),
         tuple(step.dimension for step in steps),
         torch.tensor([step.action is not None for step in steps]),
+        tuple(reason_of(step).short for step in steps),
     )

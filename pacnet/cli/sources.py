@@ -81,7 +81,7 @@ def load_percepts(imitator: Imitator, dataset: str) -> Demonstrations:
 
     Raises:
         DatasetError: the dataset cannot be read.
-        ValueError: its percepts are others than the imitator's.
+        ValueError: its percepts or its rate are others than the imitator's.
     """
     features = feature_names(imitator)
     state, environment_state = str(features["state"]), features["environment_state"]
@@ -95,6 +95,11 @@ def load_percepts(imitator: Imitator, dataset: str) -> Demonstrations:
                 f"expected {feature!r} with the dimensions {_listed(names)}, as the imitator "
                 f"learned it, got {_listed(got)} in {dataset}"
             )
+    if demonstrations.fps != imitator.config.fps:
+        raise ValueError(
+            f"expected {imitator.config.fps:g} frames per second, as the imitator learned them, "
+            f"got {demonstrations.fps:g} in {dataset}"
+        )
     return demonstrations
 
 
