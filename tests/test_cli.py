@@ -205,6 +205,19 @@ def test_fit_goes_on_from_a_checkpoint(
     assert value_of("learned", out).endswith("(9 episodes in all)")
 
 
+def test_fit_takes_corrections_that_widen_nothing(dataset: Path, other: Path, tmp_path: Path):
+    assert run("fit", dataset, "--out", tmp_path / "one") == 0
+    more = ("fit", other, "--from", tmp_path / "one")
+    assert run(*more, "--corrections", "--out", tmp_path / "corrected") == 0
+    assert run(*more, "--out", tmp_path / "both") == 0
+    one, corrected, both = (
+        Imitator.from_pretrained(tmp_path / name).familiarity
+        for name in ("one", "corrected", "both")
+    )
+    assert np.array_equal(corrected.tolerance, one.tolerance)
+    assert len(both.episodes) > len(corrected.episodes) == len(one.episodes)
+
+
 def test_fit_replaces_a_checkpoint_only_where_nothing_is_lost(
     dataset: Path, other: Path, imitator: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -725,7 +738,7 @@ KNOWN = Decision(np.zeros(2), np.zeros(2), 7, 0.9, novelty=False, position=0, sc
         (
             KNOWN._replace(target=None),
             {"action": None},
-            "no motor schema of node 7 is confident",
+            "no motor schema of node 7 is confident, nor another near the percept",
         ),
         (KNOWN, {"action": None}, "the forward model cannot tell which action leads to the target"),
     ],
@@ -779,10 +792,13 @@ def test_explain_prints_what_it_tells_machines(
         ["shown", f"{row['episode']}", "drink", f"{row['frame']}", f"{row['seconds']:.2f} s"]
         for row in told["origins"]
     ]
-    (won,) = [
-        row for row in rows_under("schema +confidence", out) if row[0] == f"* {told['schema']}"
-    ]
-    assert won[1] == f"{told['schemas'][0]['confidence']:.1%}"
+    (won,) = [row for row in rows_under("schema +node", out) if row[0] == f"* {told['schema']}"]
+    assert won[1] == str(told["winner"])
+    assert won[2] == f"{told['schemas'][0]['confidence']:.1%}"
+    assert f"\nmotor schemas of node {told['winner']}; * won\n" in out
+    elsewhere = {**told["schemas"][0], "node": told["winner"] + 1}
+    print_explanation({**told, "schemas": [elsewhere]})
+    assert "and those of other nodes that know the percept; * won\n" in capsys.readouterr().out
     assert [row[0].removeprefix("* ") for row in rows_under("node", out)][:2] == [
         str(row["node"]) for row in told["nodes"][:2]
     ]
@@ -959,6 +975,7 @@ def test_wrong_usage_is_told(arguments: str, expected: str, capsys: pytest.Captu
         ("fit", "data", "--out", "out", "--targets", "state", "--lead", "0"),
         ("fit", "data", "--out", "out", "--from", "in", "--targets", "state"),
         ("fit", "data", "--out", "out", "--from", "in", "--lead", "2"),
+        ("fit", "data", "--out", "out", "--corrections"),
         ("explain", "in", "data", "--episode", "-1", "--frame", "0"),
         ("explain", "in", "data", "--episode", "0"),
         ("watch", "in"),
@@ -1054,7 +1071,7 @@ from pacnet.imitator import Imitator
 learn = Imitator.learn
 def interrupt(_):
     {INTERRUPT}
-Imitator.learn = lambda self, shown, _: learn(self, shown, interrupt)
+Imitator.learn = lambda self, shown, _, **options: learn(self, shown, interrupt, **options)
 """
     done = process("fit", dataset, "--out", tmp_path / "out", code=code)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")

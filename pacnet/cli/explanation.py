@@ -121,7 +121,9 @@ def _origins(imitator: Imitator, step: ImitatorStep) -> list[dict[str, Any]]:
 
 
 def _rivals(imitator: Imitator, step: ImitatorStep, percept: Tensor) -> list[dict[str, Any]]:
-    """The motor schemas that competed, the most confident first."""
+    """The motor schemas that competed, the most confident first; those of other nodes, too, where
+    none of the winner's own is confident.
+    """
     schemas = _competing(imitator)
     if step.decision.novelty or schemas.timeline() is None:
         return []
@@ -129,6 +131,7 @@ def _rivals(imitator: Imitator, step: ImitatorStep, percept: Tensor) -> list[dic
     return [
         {
             "schema": rival.schema,
+            "node": rival.node,
             "confidence": rival.confidence,
             "behaviours": list(rival.behaviours),
             "targets": int(schemas.lengths[rival.schema]),

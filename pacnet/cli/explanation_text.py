@@ -76,12 +76,16 @@ def _print_values(document: Mapping[str, Any]) -> None:
 
 
 def _print_schemas(document: Mapping[str, Any]) -> None:
-    print(f"\nmotor schemas of node {document['winner']}; * won")
+    where = f"motor schemas of node {document['winner']}"
+    if any(row["node"] != document["winner"] for row in document["schemas"]):
+        where += ", none of them confident, and those of other nodes that know the percept"
+    print(f"\n{where}; * won")
     print_table(
-        ("schema", "confidence", "targets", "<shown in"),
+        ("schema", "node", "confidence", "targets", "<shown in"),
         [
             (
                 _starred(row["schema"], document["schema"]),
+                f"{row['node']}",
                 f"{row['confidence']:.1%}",
                 f"{row['targets']:,}",
                 ", ".join(name or "untitled" for name in row["behaviours"]),

@@ -20,7 +20,8 @@ _MORE = """Every episode is watched once, in order, as it would be on the robot.
 state, followed by the environment state if the dataset has one; images are left alone. The map's
 settings follow from the data."""
 _EXAMPLE = """pacnet fit recordings/drinking --out imitator
-  pacnet fit recordings/corrections --from imitator --out imitator"""
+  pacnet fit recordings/toasting --from imitator --out imitator
+  pacnet fit recordings/corrections --corrections --from imitator --out imitator"""
 _TARGETS, _LEAD = "action", 1
 _NOTHING_KEPT = """no targets were kept, so there is nothing to act by: no node of the map won for
 long enough to habituate; show longer episodes, or more of them""".replace("\n", " ")
@@ -38,6 +39,11 @@ def add_to(commands: Commands) -> None:
         "--from", dest="origin", metavar="CHECKPOINT",
         help="go on from what this imitator knows: nothing is forgotten, and its features and the "
         "scale of its percepts stay what they are",
+    )  # fmt: skip
+    parser.add_argument(
+        "--corrections", action="store_true",
+        help="with --from: the episodes show what to do where something was new; what is tolerated "
+        "elsewhere stays what it is, however many they are",
     )  # fmt: skip
     parser.add_argument(
         "--state", metavar="NAME", help="feature that is the state (observation.state)"
@@ -75,7 +81,7 @@ def run(arguments: argparse.Namespace) -> None:
     use_one_thread()
     imitator, demonstrations = _prepare(arguments)
     began = time.perf_counter()
-    lessons = _learn(imitator, demonstrations)
+    lessons = _learn(imitator, demonstrations, arguments.corrections)
     seconds = time.perf_counter() - began
     folder = checkpoint_folder(arguments.out)
     with interrupts_held_back():
@@ -88,6 +94,8 @@ def run(arguments: argparse.Namespace) -> None:
 def _check_usage(arguments: argparse.Namespace) -> None:
     if arguments.lead is not None and arguments.targets != "state" and arguments.origin is None:
         arguments.usage_error("argument --lead: only with --targets state")
+    if arguments.corrections and arguments.origin is None:
+        arguments.usage_error("argument --corrections: only with --from, whose known is corrected")
     for option in ("targets", "lead"):
         if arguments.origin is not None and getattr(arguments, option) is not None:
             arguments.usage_error(f"argument --{option}: not with --from, whose own stays")
@@ -131,7 +139,7 @@ def _prepare(arguments: argparse.Namespace) -> tuple[Imitator, Demonstrations]:
     return Imitator.untaught(demonstrations, targets, lead), demonstrations
 
 
-def _learn(imitator: Imitator, demonstrations: Demonstrations) -> list[Lesson]:
+def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool) -> list[Lesson]:
     from pacnet.cli.progress import frames_of, progress_bar
 
     frames = frames_of(demonstrations)
@@ -139,7 +147,7 @@ def _learn(imitator: Imitator, demonstrations: Demonstrations) -> list[Lesson]:
         transitions = counted(frames - len(demonstrations), "transition")
         print(f"fitting the forward model to {transitions} ...", file=sys.stderr)
     with progress_bar("learning", frames) as advance:
-        return imitator.learn(demonstrations, advance)
+        return imitator.learn(demonstrations, advance, corrections=corrections)
 
 
 def _report(imitator: Imitator, lessons: list[Lesson], seconds: float, folder: Path) -> None:

@@ -24,7 +24,9 @@ def reason_of(step: ImitatorStep) -> Reason:
     if decision.novelty:
         return Reason("no match", "no node of the map matches the percept")
     if decision.target is None:
-        told = f"no motor schema of node {decision.winner} is confident"
+        told = (
+            f"no motor schema of node {decision.winner} is confident, nor another near the percept"
+        )
         return Reason("no confident schema", told)
     if step.action is None:
         told = "the forward model cannot tell which action leads to the target"
