@@ -121,9 +121,7 @@ def _origins(imitator: Imitator, step: ImitatorStep) -> list[dict[str, Any]]:
 
 
 def _rivals(imitator: Imitator, step: ImitatorStep, percept: Tensor) -> list[dict[str, Any]]:
-    """The motor schemas that competed, the most confident first; those of other nodes, too, where
-    none of the winner's own is confident.
-    """
+    """The motor schemas that competed, of other nodes too if none of the winner's is confident."""
     schemas = _competing(imitator)
     if step.decision.novelty or schemas.timeline() is None:
         return []
