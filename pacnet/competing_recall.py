@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -20,8 +21,6 @@ from pacnet.node_schemas import NodeSchemas
 from pacnet.sequences import RecalledRow, RecalledTarget
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from pacnet.competing_schemas import CompetingSchemas
 
 
@@ -62,7 +61,7 @@ class CompetingRecall:
         target = self.schemas.pool.live("target")[rows.start + nearest].mean(dim=0)
         return RecalledTarget(target, int(nearest[0]), self.incumbent)
 
-    def compete(self, node: int, distances: Tensor) -> slice | None:
+    def compete(self, node: int, distances: Any) -> slice | None:
         """Lets schemas compete, the winner's own or else all that know the percept.
 
         Args:
@@ -75,10 +74,8 @@ class CompetingRecall:
         if node == NOBODY:
             return None
         for here in self._in_turn(node):
-            confidences = here.confidences(distances, self.belief.probability)
-            winner = self.schemas.competition.winner(
-                confidences.numpy(force=True), here.place_of(self.incumbent)
-            )
+            confidences = self._confidences(here, distances)
+            winner = self.schemas.competition.winner(confidences, here.place_of(self.incumbent))
             if winner != NOBODY:
                 self.incumbent = here.numbers[winner]
                 return here.rows_of(winner)
@@ -128,6 +125,10 @@ class CompetingRecall:
         if here is not None:
             yield here
         yield self.everywhere()
+
+    def _confidences(self, here: NodeSchemas, distances: Any) -> NDArray[np.floating[Any]]:
+        """Of schemas, given the distances and the belief."""
+        return here.confidences(distances, self.belief.probability).numpy(force=True)
 
     def _new_belief(self) -> Belief:
         return Belief(self.timeline, self.schemas.config.recognition)

@@ -123,13 +123,19 @@ class CompiledRecall(CompetingRecall):
     def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
         """See `CompetingRecall.recall_row`."""
         distances = distances_of(percept, self._cues)
-        self.belief.follow(distances)
-        rows = self.compete(node, torch.from_numpy(distances))
+        self._probability = self.belief.follow(distances)
+        rows = self.compete(node, distances)
         if rows is None:
             return None
         nearest = distances[rows].argsort(kind="stable")[: self.schemas.config.nearest_cues]
         target = self._targets[rows][nearest].sum(axis=0) / np.float32(len(nearest))
         return RecalledRow(target, int(nearest[0]), self.incumbent)
+
+    def _confidences(
+        self, here: NodeSchemas, distances: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        assert isinstance(here, CompiledNode)
+        return here.compete(distances, self._probability)
 
     def _new_belief(self) -> CompiledBelief:
         return CompiledBelief(self.timeline, self.schemas.config.recognition)

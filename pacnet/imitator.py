@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -32,6 +33,11 @@ from pacnet.sequences import close_gaps
 from pacnet.targets import targets_ahead
 
 
+def exactly() -> AbstractContextManager[object]:
+    """Computes in full precision within a caller's mixed precision: distances need their digits."""
+    return torch.autocast("cpu", enabled=False)
+
+
 class Lesson(NamedTuple):
     """One demonstration, learned."""
 
@@ -51,6 +57,8 @@ class Lesson(NamedTuple):
     """Of its frames that were novel to the map when they came."""
     unfamiliar: float | None
     """Its largest novelty before it was learned, as of `ImitatorStep`; None for the first."""
+    correction: bool = False
+    """Whether it showed what to do where something was new."""
 
 
 class ImitatorStep(NamedTuple):
@@ -162,7 +170,8 @@ class Imitator(nn.Module):
             demonstrations: of the same features and rate as all before.
             progress: called after each demonstration with the number of its frames.
             corrections: whether they show what to do where something was new. What is tolerated
-                elsewhere stays what it is then, however many they are.
+                elsewhere, and the usual first action, stay what they are then, however many there
+                are.
 
         Returns:
             A lesson for each demonstration; none in eval mode.
@@ -176,10 +185,11 @@ class Imitator(nn.Module):
         if not self.training:
             return []
         if self.forward_model is not None and not self.lessons:
-            self._fit(self.forward_model, demonstrations.episodes)
+            with exactly():
+                self._fit(self.forward_model, demonstrations.episodes)
         before = len(self.lessons)
         for shown in demonstrations:
-            with torch.inference_mode(False), interrupts_held_back():
+            with torch.inference_mode(False), exactly(), interrupts_held_back():
                 self._learn_one(demonstrations.source, shown, corrections)
             if progress is not None:
                 progress(len(shown.state))
@@ -212,11 +222,12 @@ class Imitator(nn.Module):
         )
 
     def warm_up(self) -> None:
-        """Does once what the first `step` takes seconds for, and starts a new recall episode."""
+        """Does what a process's first two steps take seconds for; then begins a recall episode."""
         with torch.inference_mode(False):
             cues = self._cues()
             known = cues[0] if len(cues) else np.zeros_like(self._scale)
-            self.step(known / self._scale)
+            for _ in range(2):  # the belief moves on at the second
+                self.step(known / self._scale)
         self.reset()
 
     def reset(self) -> None:
@@ -312,14 +323,17 @@ class Imitator(nn.Module):
 
     def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> None:
         percepts, number = shown.percepts, len(self.lessons)
+        correction = correction and number > 0  # there is nothing to correct before
         unfamiliar = self._compare(percepts, correction)
         watched = self.network.attend(percepts)
         self.network.observe(percepts, self._targets(shown), number, shown.task)
-        self.first_action += (shown.action[0] - self.first_action) / (number + 1)
+        if not correction:
+            before = sum(not lesson.correction for lesson in self.lessons)
+            self.first_action += (shown.action[0] - self.first_action) / (before + 1)
         new, nodes = int(watched.inserted.sum()), len(self.network.sofm)
         share = float(watched.novelty.float().mean())
         told = (dataset, shown.episode, shown.task, len(percepts))
-        self.lessons.append(Lesson(*told, new, nodes, share, unfamiliar))
+        self.lessons.append(Lesson(*told, new, nodes, share, unfamiliar, correction))
 
     def _targets(self, shown: Demonstration) -> Tensor:
         if self.config.targets == "action":

@@ -11,6 +11,8 @@ from torch import Tensor
 from pacnet.attention import NOBODY
 from pacnet.belief import Timeline
 
+OUT_OF_REACH = -1.0  # a confidence under every threshold
+
 if TYPE_CHECKING:
     from pacnet.competing_schemas import CompetingSchemas
 
@@ -22,7 +24,7 @@ class NodeSchemas:
         schemas: of all nodes, the pool without gaps.
         numbers: of the node's own, int64 `[K ≥ 1]`.
         timeline: of the known episodes.
-        reach: distance from the nearest of its cues beyond which a schema has no confidence.
+        reach: distance from the nearest of its cues beyond which a schema does not compete.
 
     Attributes:
         numbers: of the node's schemas.
@@ -66,11 +68,11 @@ class NodeSchemas:
             probability: of every place of every known episode, `[E, P]`.
 
         Returns:
-            `[K]`, in [0, 1].
+            `[K]`, in [0, 1], or `OUT_OF_REACH`.
         """
         nearest = distances.take(self._rows).amin(dim=1)
-        fit = torch.exp(-nearest).where(nearest <= self._reach, 0)
-        return self.watched(probability).to(fit.dtype).clamp_(max=1) * fit
+        confidences = self.watched(probability).to(nearest.dtype).clamp_(max=1) * (-nearest).exp()
+        return confidences.where(nearest <= self._reach, OUT_OF_REACH)
 
     def watched(self, probability: Tensor) -> Tensor:
         """The probability that what is watched is a pass through each, `[K]`.

@@ -13,6 +13,7 @@ from numba import njit
 from pacnet.distances import ROOM, ROWS, in_whole_vectors, squared_distances
 from pacnet.engine import announce_compilation
 from pacnet.lanes import store
+from pacnet.node_schemas import OUT_OF_REACH
 from pacnet.pointers import floats
 
 announce_compilation()
@@ -80,7 +81,7 @@ def compete(probability, passes, distances, spans, reach, confidences):
         passes: the first and the last place of each, and the schema that it passes, `[N, 3]`.
         distances: of the percept from every row, `[R]`.
         spans: the first row of each schema and the one behind its last, `[K, 2]`.
-        reach: distance from its nearest row beyond which a schema has none.
+        reach: distance from its nearest row beyond which a schema does not compete.
         confidences: where to write.
     """
     watched = np.zeros(len(spans), np.float64)
@@ -92,8 +93,9 @@ def compete(probability, passes, distances, spans, reach, confidences):
         nearest = np.float32(np.inf)
         for row in range(spans[schema, 0], spans[schema, 1]):
             nearest = min(nearest, distances[row])
-        fit = math.exp(-nearest) if nearest <= reach else 0.0
-        confidences[schema] = min(watched[schema], 1.0) * fit
+        confidences[schema] = min(watched[schema], 1.0) * math.exp(-nearest)
+        if nearest > reach:
+            confidences[schema] = OUT_OF_REACH
 
 
 @njit

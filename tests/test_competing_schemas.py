@@ -534,6 +534,27 @@ def test_where_the_winner_is_of_something_else_all_that_know_the_percept_compete
     assert recalled(schemas, 0.0, node=NOBODY) == [None]  # novel to the map
 
 
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_what_is_out_of_reach_never_competes_whatever_the_threshold(engine: str):
+    schemas = make_schemas(threshold=0.0)
+    schemas.engine = engine
+    show(schemas, 0, *[0.0] * 8, target=1.0)
+    schemas.begin(1, "")
+    assert recalled(schemas, 50.0, node=1) == [None]
+    assert schemas.rivals(1, torch.tensor([50.0])) == []
+    assert recalled(schemas, 0.1, node=1) == [1.0]
+
+
+@pytest.mark.parametrize(("margin", "then"), [(0.0, 0.6), (0.9, 0.0)])
+def test_elsewhere_an_incumbent_stays_by_the_margin_too(margin: float, then: float):
+    schemas = make_schemas(alike_above=0.99, margin=margin)
+    for episode, cue in enumerate((0.0, 0.6)):
+        show(schemas, episode, *[cue] * 4, target=cue)
+    assert recalled(schemas, 0.25, 0.35, node=1) == [0.0, pytest.approx(then)]
+    # Where nobody has won, there is no incumbent.
+    assert recalled(schemas, FAR, 0.35, node=1) == [None, pytest.approx(0.6)]
+
+
 def test_a_recalled_target_is_the_callers_own():
     schemas = make_schemas()
     show(schemas, 0, 0.0, target=1.0)

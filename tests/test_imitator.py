@@ -94,6 +94,8 @@ def test_corrections_widen_nothing_though_they_are_more_than_the_demonstrations(
         (lesson,) = imitator.learn(shown(reach(50 + number, glass)), corrections=True)
         assert lesson.unfamiliar > 1
     assert np.array_equal(imitator.familiarity.tolerance, tolerance)
+    assert torch.equal(imitator.first_action, reach(0).action[0])
+    assert [lesson.correction for lesson in imitator.lessons] == [False, True, True, True]
     assert not any(step.is_novel for step in follow(imitator, reach(100, glass=0.3).percepts))
     assert all(step.is_novel for step in follow(imitator, reach(100, glass=-0.15).percepts)[10:])
 
@@ -141,6 +143,19 @@ def test_the_first_action_is_the_mean_of_the_first_ones(taught: Imitator):
     other = reach(5)
     imitator.learn(shown(replace(other, action=other.action + 5.0)))
     assert torch.allclose(imitator.first_action, reach(0).action[0] + 1.0)
+
+
+def test_warmed_up_it_does_the_same_as_new(taught: Imitator):
+    warm, cold = deepcopy(taught), deepcopy(taught)
+    percepts = reach(100).percepts
+    follow(warm, percepts[:30])
+    warm.warm_up()
+    cold.reset()
+    assert warm.network.schemas._timeline is not None
+    for percept in percepts[:30]:
+        one, other = warm.step(percept), cold.step(percept)
+        assert one.novelty == other.novelty
+        assert np.array_equal(one.action, other.action)
 
 
 def test_saved_and_loaded_it_is_the_same(taught: Imitator, tmp_path: Path):
@@ -245,7 +260,7 @@ def test_one_demonstration_is_enough_to_act_by(fps: int, frames: int):
         step = imitator.step(torch.cat([at, torch.zeros(1)]))
         at = at if step.action is None else torch.from_numpy(step.action)
         way.append(at)
-    hops = pairwise(way)  # of a tenth of the way and more
+    hops = pairwise(way)  # five frames at a time: a place may lie between two
     way = torch.cat(
         [torch.lerp(here, there, torch.arange(10)[:, None] / 10) for here, there in hops]
     )

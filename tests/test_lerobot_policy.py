@@ -20,6 +20,7 @@ import gymnasium
 from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot_policy_pacnet.acting import MOVING
+from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.training import ENOUGH
 
 from lerobot_policy_pacnet import PACNetConfig, PACNetEnv, PACNetPolicy, scenes
@@ -258,7 +259,7 @@ def test_what_follows_what_is_not_learned_from_a_part_of_the_frames(
     learn(policy, list(batches(dataset, 0, 64))[:-1])
     policy.save_pretrained(tmp_path)
     assert policy.imitator is None
-    assert "an unfinished pass; a whole one takes 9 steps" in caplog.text
+    assert "an unfinished pass: a whole one takes 540 steps, divided by" in caplog.text
     learn(policy, batches(dataset, 0, 64))
     assert len(policy.imitator.lessons) == 4
 
@@ -453,6 +454,35 @@ def test_what_would_not_is_repeated(name: str):
     assert not MOVING.search(name)
 
 
+def test_numbers_are_no_names_that_say_where_a_robot_is():
+    names = {**NAMES, STATE: ("0", "1"), ACTION: ("0", "1")}
+    dataset = waves(0, names=names)
+    policy = taught(dataset)
+    mean_first = torch.stack([one.action[0] for one in dataset]).mean(dim=0)
+    torch.testing.assert_close(policy.select_action(percept(FAR))[0], mean_first)
+
+
+def test_before_its_first_action_wheels_do_not_turn_though_nothing_is_new_yet(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    joints = ("arm.pos", "wheel.vel")
+    policy = taught(waves(0, names={**NAMES, STATE: joints, ACTION: joints}))
+    step = Imitator.step
+    monkeypatch.setattr(Imitator, "step", lambda *rest: step(*rest)._replace(action=None))
+    row = waves(0).episodes[0].percepts[20]
+    action = policy.select_action(percept(row[:2], float(row[2])))[0]
+    assert not policy.last_steps[0].is_novel
+    assert action.tolist() == [float(row[0]), 0.0]
+
+
+def test_names_with_their_places_are_understood():
+    features = meta_of(waves(0)).features
+    features[ACTION]["names"] = {"delta_y": 1, "delta_x": 0}  # as of gamepads and keyboards
+    meta = SimpleNamespace(**{**vars(meta_of(waves(0))), "features": features})
+    described = DatasetDescription.of(meta, (STATE, GLASS))
+    assert described.names[ACTION] == ("delta_x", "delta_y")
+
+
 def test_a_robot_with_wheels_stops_where_all_is_new():
     names = {**NAMES, ACTION: ("arm.pos", "wheel.vel")}
     policy = taught(waves(0, names=names))
@@ -487,6 +517,7 @@ def test_it_asks_where_all_is_new(policy: PACNetPolicy):
 
     def ask(step: ImitatorStep, seen: np.ndarray) -> np.ndarray | None:
         asked.append((step.is_novel, seen.tolist()))
+        seen[:] = np.nan  # it is the callback's own
         return np.float32([7, 8]) if len(asked) == 1 else None
 
     policy.ask = ask
@@ -524,10 +555,59 @@ def test_what_is_learned_by_a_correction_is_done_in_the_next_episode(dataset: De
     assert float((action - there.action[59]).abs().max()) < 0.2
 
 
+def test_a_correction_during_an_episode_moves_nobody_who_holds(dataset: Demonstrations):
+    policy, shown = taught(dataset), dataset.episodes[0]
+    for row in shown.percepts[:60]:
+        policy.select_action(percept(row[:2], float(row[2])))
+    for _ in range(60):
+        held = policy.select_action(percept(FAR))
+    assert policy.last_steps[0].is_novel
+    there = replace(shown, state=shown.state + 30, action=shown.action + 30)
+    policy.imitator.learn(Demonstrations(FPS, NAMES, (there,), "corrections"), corrections=True)
+    assert torch.equal(policy.select_action(percept(FAR)), held)
+
+
+def test_an_episode_may_begin_in_inference_mode(dataset: Demonstrations):
+    policy = taught(dataset)
+    with torch.inference_mode():
+        policy.reset()
+        policy.select_action(percept(FAR))
+    policy.reset()
+    policy.select_action(percept(FAR))
+
+
+def test_it_is_ready_when_an_episode_begins(dataset: Demonstrations):
+    """What is laid out at a first step takes no time in a control loop."""
+    policy = taught(dataset)
+    policy.reset()
+    (actor,) = policy._actors
+    assert actor.imitator.network.schemas._timeline is not None
+
+
 def test_mixed_precision_learns_the_same(dataset: Demonstrations):
+    half = list(batches(dataset, 0, 64))[:3]
+    policies = [untaught(dataset) for _ in range(2)]
     with torch.autocast("cpu", dtype=torch.bfloat16):
-        policy = taught(dataset)
-    assert_same(policy.imitator, learned_in_order(dataset))
+        learn(policies[0], iter(half))
+        policies[0].eval()  # which learns what came, as LeRobot's evaluation during training has it
+    learn(policies[1], iter(half))
+    assert_same(policies[0].imitator, policies[1].eval().imitator)
+
+
+def test_states_as_targets_are_learned_the_same_in_mixed_precision():
+    dataset = waves(1, count=2)
+    expected = Imitator.untaught(dataset, targets="state", lead=2)
+    expected.learn(dataset)
+    policy = PACNetPolicy(config_of(targets="state", lead=2), dataset_meta=meta_of(dataset))
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        learn(policy, batches(dataset, 0, 64))
+    assert_same(policy.imitator, expected)
+
+
+def test_the_steps_of_a_pass_are_told(dataset: Demonstrations, caplog: pytest.LogCaptureFixture):
+    caplog.set_level("INFO")
+    learn(untaught(dataset), batches(dataset, 0, 64))  # 390 frames: six batches and six frames
+    assert "one pass is --steps=7" in caplog.text
 
 
 def test_an_empty_batch_is_refused(policy: PACNetPolicy):

@@ -70,7 +70,7 @@ def settle(journal: Path) -> None:
     """
     listed = _listed(journal)
     if listed is not None:
-        ours = _digest(journal.parent / INFO) in (listed["info"], listed["new_info"])
+        ours = _digest(journal.parent / INFO) in (listed["info"], listed.get("new_info"))
         if ours and not is_complete(journal):
             _move(journal, listed["places"])
         if is_complete(journal):

@@ -24,7 +24,8 @@ class Actor:
     Where something is new and nobody answers, it holds until the episode ends: halfway through a
     task may look known again, but what came before it was not done. To hold is to repeat the last
     action, but for speeds and displacements (`MOVING`), which are 0 then: a base that repeated them
-    would drive on.
+    would drive on. Where nothing is recalled for a moment, though nothing is new, all of the last
+    action is repeated.
 
     Args:
         imitator: a taught one; the actor keeps a copy, whose recall episode is its own.
@@ -75,14 +76,16 @@ class Actor:
         return action, step
 
     def _last_or_first(self, percept: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The last action; before any, where the robot is if its state says, else the usual one."""
+        """The last action; before any, one that leaves the robot where it is, if that is known."""
         if self._last is not None:
             return self._last
         config = self.imitator.config
         state = next(iter(config.percepts.values()))
-        if set(config.action) <= set(state):  # joints commanded by their angles, as on an arm
-            return percept[[state.index(name) for name in config.action]]
-        return self.imitator.first_action.numpy().copy()
+        action = self.imitator.first_action.numpy()
+        are_named = not any(name.isdecimal() for name in config.action)
+        if are_named and set(config.action) <= set(state):  # joints commanded by their angles
+            action = percept[[state.index(name) for name in config.action]]
+        return np.where(self._moves, np.float32(0), action)
 
     def _checked(self, answer: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
         if answer is None:

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from lerobot.utils.constants import ACTION
 
+from pacnet.datasets.lerobot_files import told_names
+
 _SNAPSHOTS = "snapshots"  # folder of the Hub's cache, in which datasets are named by a digest
 
 
@@ -79,12 +81,8 @@ def _dimension_names(features: Mapping[str, Any], feature: str) -> tuple[str, ..
     """As `pacnet.demonstrations` names dimensions: by their numbers where they have no names."""
     if feature not in features:
         raise ValueError(f"expected the feature {feature!r}, the dataset has {', '.join(features)}")
-    length, names = features[feature]["shape"][0], features[feature].get("names")
-    if isinstance(names, dict):
-        names = next(iter(names.values()), None)
-    if not isinstance(names, list) or len(names) != length:
-        names = range(length)
-    return tuple(str(name) for name in names)
+    told = {**features[feature], "shape": list(features[feature]["shape"])}
+    return tuple(told_names(told) or map(str, range(told["shape"][0])))
 
 
 def _fingerprint(meta: Any, names: Mapping[str, tuple[str, ...]]) -> str:

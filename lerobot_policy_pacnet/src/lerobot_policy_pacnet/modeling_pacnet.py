@@ -21,7 +21,7 @@ from lerobot_policy_pacnet.acting import Actor, Ask
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.training import Training
-from pacnet.imitator import Imitator, ImitatorStep
+from pacnet.imitator import Imitator, ImitatorStep, exactly
 
 _DOWNLOAD = ("revision", "cache_dir", "force_download", "local_files_only", "token")
 logger = logging.getLogger(__name__)
@@ -62,7 +62,7 @@ class PACNetPolicy(PreTrainedPolicy):
         self._dataset_meta = dataset_meta
         self._training: Training | None = None
         self._is_current = False  # whether the training is that of the metadata
-        self._pass_takes: int | None = None  # steps, once the size of a batch is known
+        self._batch_size = 1  # the largest so far
         self._actors: list[Actor] = []
 
     @property
@@ -87,7 +87,7 @@ class PACNetPolicy(PreTrainedPolicy):
         """
         percepts = self._percepts(batch)
         novelty = 1.0
-        with torch.no_grad(), torch.autocast("cpu", enabled=False):  # distances need their digits
+        with torch.no_grad(), exactly():
             if self.training:
                 self._learn(batch, percepts)
             imitator = self.imitator
@@ -106,9 +106,13 @@ class PACNetPolicy(PreTrainedPolicy):
     def reset(self) -> None:
         """Starts a new recall episode; what was learned stays."""
         self.last_steps = []
-        if self.imitator is not None:  # gets ready for one robot, unless there are more already
-            for actor in self._actors_for(len(self._actors) or 1):
-                actor.reset()
+        imitator = self.imitator
+        if imitator is None:
+            return
+        if not all(actor.knows(imitator) for actor in self._actors):
+            self._actors = []
+        for actor in self._actors_for(len(self._actors) or 1):  # ready before a robot moves
+            actor.reset()
 
     @torch.no_grad()
     def select_action(self, batch: dict[str, Any], **_: Any) -> Tensor:
@@ -124,9 +128,9 @@ class PACNetPolicy(PreTrainedPolicy):
             ValueError: nothing was learned, a feature is missing or misshapen, or not finite.
         """
         percepts = self._percepts(batch).numpy()
+        actors = self._actors_for(len(percepts))
         # What a caller's inference mode makes could not be changed outside it.
         with torch.inference_mode(False):
-            actors = self._actors_for(len(percepts))
             acted = [actor.act(row, self.ask) for actor, row in zip(actors, percepts, strict=True)]
         self.last_steps = [step for _, step in acted]
         return torch.from_numpy(np.stack([action for action, _ in acted])).to(self.anchor.device)
@@ -163,8 +167,9 @@ class PACNetPolicy(PreTrainedPolicy):
             logger.info("saved %s", self._training)
             if not self._training.is_finished:
                 logger.warning(
-                    "this is an unfinished pass; a whole one takes %s steps of this batch size",
-                    self._pass_takes,
+                    "this is an unfinished pass: a whole one takes %d steps, divided by the batch "
+                    "size and rounded up",
+                    self._training.dataset.frames,
                 )
 
     def _learn(self, batch: dict[str, Any], percepts: Tensor) -> None:
@@ -180,11 +185,12 @@ class PACNetPolicy(PreTrainedPolicy):
         was_finished = training.is_finished
         tasks = list(batch.get("task", [""] * len(index)))
         training.add(index, episode, percepts, actions, tasks)
-        self._pass_takes = -(-training.dataset.frames // len(index))
+        self._batch_size = max(self._batch_size, len(index))  # the last of a pass may be short
         if training.is_finished and not was_finished:
             logger.info(
                 "%s: further steps change nothing, and what was learned is saved when training "
-                "saves (--steps=%d ends with a whole pass)", training, self._pass_takes
+                "saves; one pass is --steps=%d",
+                training, -(-training.dataset.frames // self._batch_size),
             )  # fmt: skip
 
     def _training_of(self, meta: Any) -> Training:
@@ -218,8 +224,9 @@ class PACNetPolicy(PreTrainedPolicy):
         imitator = self.imitator
         if imitator is None:
             raise ValueError("expected a taught policy to act, got one that has learned nothing")
-        if len(self._actors) != rows or not all(actor.knows(imitator) for actor in self._actors):
-            self._actors = [Actor(imitator) for _ in range(rows)]
+        if len(self._actors) != rows:
+            with torch.inference_mode(False):
+                self._actors = [Actor(imitator) for _ in range(rows)]
         return self._actors
 
     def _percepts(self, batch: dict[str, Any]) -> Tensor:
