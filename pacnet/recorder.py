@@ -28,7 +28,7 @@ class Recorder:
 
     When the `with` block is left, normally, by an exception or by Ctrl-C, every episode saved so
     far is in the dataset, and frames of an unfinished one are dropped. Of a new dataset without any
-    episode, nothing stays on disk. Leaving the block reads all frames of the dataset, also those
+    episode, nothing stays on disk. Leaving the block reads all frames into memory, also those
     recorded before: the cost of exact statistics.
 
     Annotations such as `novelty` and `winner` are features like others. LeRobot's policies learn
