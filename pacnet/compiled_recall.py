@@ -6,6 +6,7 @@ Imported only where it runs, for it brings numba.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,16 +68,15 @@ class CompiledBelief(Belief):
 class CompiledNode(NodeSchemas):
     """See `NodeSchemas`; of float32 on the CPU."""
 
-    def __init__(
-        self,
-        schemas: CompetingSchemas,
-        numbers: Tensor,
-        timeline: Timeline,
-        reach: float = math.inf,
-    ) -> None:
-        super().__init__(schemas, numbers, timeline, reach)
-        self._spans = np.array([(rows.start, rows.stop) for rows in self._blocks])
-        self._passes = torch.stack([self._first, self._last, self._through], dim=1).numpy()
+    @cached_property
+    def _spans(self) -> NDArray[np.int64]:
+        """The first row of each schema and the one behind its last, `[K, 2]`."""
+        return np.array([(rows.start, rows.stop) for rows in self._blocks])
+
+    @cached_property
+    def _passes(self) -> NDArray[np.int64]:
+        """The first and the last place of each pass, and the schema that it passes, `[N, 3]`."""
+        return torch.stack([self._first, self._last, self._through], dim=1).numpy()
 
     def confidences(self, distances: Tensor, probability: Tensor) -> Tensor:
         """See `NodeSchemas.confidences`."""

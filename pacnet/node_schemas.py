@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import torch
@@ -40,17 +41,21 @@ class NodeSchemas:
         self.numbers: list[int] = numbers.tolist()
         self._reach = reach
         starts, lengths = schemas.blocks.live("start")[numbers], schemas.lengths[numbers]
+        self._starts, self._lengths = starts, lengths
         self._blocks = [
             slice(start, start + length)
             for start, length in zip(starts.tolist(), lengths.tolist(), strict=True)
         ]
-        place = torch.arange(int(lengths.max()), device=numbers.device)
-        # A shorter one's last row stands for those that it lacks.
-        self._rows = starts[:, None] + torch.minimum(place, lengths[:, None] - 1)  # [K, longest]
         through = schemas.passes.live("schema")[:, None] == numbers  # [passes, K]
         passes, self._through = through.nonzero().unbind(dim=1)
         self._first, self._last = _places(schemas, passes, timeline)
         self._has_before = (self._first % timeline.rows.shape[1] > 0).double()
+
+    @cached_property
+    def _rows(self) -> Tensor:
+        """The rows of each in the pool, `[K, longest]`; the last one stands for those it lacks."""
+        place = torch.arange(int(self._lengths.max()), device=self._starts.device)
+        return self._starts[:, None] + torch.minimum(place, self._lengths[:, None] - 1)
 
     def place_of(self, schema: int) -> int:
         """The place of a schema among the node's own; `NOBODY` where it is none of them."""
