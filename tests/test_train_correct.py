@@ -72,7 +72,7 @@ def imitator(given):
 @pytest.fixture(scope="module")
 def corrected(imitator, given, tmp_path_factory):
     """A session in which something goes wrong thrice at the new place, and what it left behind."""
-    outcomes = iter([KNOWN, PAUSED, tried(), LATE, *[tried(success=True)] * 2])
+    outcomes = iter([KNOWN, PAUSED, tried(), LATE, *[tried(success=True)] * correct.ENOUGH])
     learner, dataset = deepcopy(imitator), tmp_path_factory.mktemp("session") / "dataset"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(correct, "make_environment", lambda _: None)
@@ -88,8 +88,12 @@ def corrected(imitator, given, tmp_path_factory):
 
 def test_it_is_shown_what_to_do_until_it_does_so(corrected):
     turns, imitator, _ = corrected
-    assert [turn.place for turn in turns] == [0, 1, 1, 1, 1, 1]
-    assert [turn.learning is not None for turn in turns] == [False, *[True] * 3, False, False]
+    assert [turn.place for turn in turns] == [0, *[1] * (3 + correct.ENOUGH)]
+    assert [turn.learning is not None for turn in turns] == [
+        False,
+        *[True] * 3,
+        *[False] * correct.ENOUGH,
+    ]
     assert all(turn.learning > 0 for turn in turns[1:4])
     assert [(lesson.dataset, lesson.episode) for lesson in imitator.lessons] == [
         ("drinking", number) for number in range(6)

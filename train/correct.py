@@ -49,8 +49,8 @@ from train.postural_report import FPS
 from train.runs import command_line, make_parser, run_folder, save_figures, write_metrics
 
 DISTANCE = 0.15  # [m] of a new place from the usual one
-ENOUGH = 2  # attempts at a new place, one after the other, that need no correction
-ATTEMPTS = 10  # there, at most
+ENOUGH = 5  # attempts at a new place, one after the other, that need no correction
+ATTEMPTS = 20  # there, at most
 
 # What is drawn from the seed.
 _PLACES, _ELSEWHERE, _KNOWN, _NEW, _CORRECTING, _CORRECTED, _OTHERS, _STILL_NEW = range(10, 18)
