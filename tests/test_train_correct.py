@@ -258,13 +258,19 @@ def test_a_missing_checkpoint_is_one_line(tmp_path, monkeypatch):
     assert not (tmp_path / "runs").exists()
 
 
+def taught(dataset, seed, count):
+    """Demonstrations that are recorded, and an imitator that has learned them."""
+    record(dataset, seed, count)
+    demonstrations = load_demonstrations(dataset)
+    imitator = Imitator.untaught(demonstrations)
+    imitator.learn(demonstrations)
+    return demonstrations, imitator
+
+
 @pytest.mark.slow
 def test_what_was_learned_from_one_demonstration_is_corrected_at_several_places(tmp_path):
     """More corrections than demonstrations, and a further place is new still."""
-    record(tmp_path / "dataset", 31, 1)
-    demonstrations = load_demonstrations(tmp_path / "dataset")
-    imitator = Imitator.untaught(demonstrations)
-    imitator.learn(demonstrations)
+    demonstrations, imitator = taught(tmp_path / "dataset", 31, 1)
     before = imitator.familiarity.tolerance
     places = draw_places((31, 1), 2)
     turns = correct.correct(imitator.eval(), demonstrations, places, 31, tmp_path / "corrected")
@@ -280,10 +286,7 @@ def test_what_was_learned_from_one_demonstration_is_corrected_at_several_places(
 
 @pytest.mark.slow
 def test_new_places_are_told_and_corrected_and_known_ones_do_not_suffer(tmp_path):
-    record(tmp_path / "dataset", 0, 8)
-    demonstrations = load_demonstrations(tmp_path / "dataset")
-    imitator = Imitator.untaught(demonstrations)
-    imitator.learn(demonstrations)
+    _, imitator = taught(tmp_path / "dataset", 0, 8)
     imitator.save_pretrained(tmp_path / "checkpoint")
     command = [sys.executable, "-m", "train.correct", tmp_path / "checkpoint"]
     command += ["--dataset", tmp_path / "dataset", "--seed", "0", "--runs", tmp_path / "runs"]

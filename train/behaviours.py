@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -27,6 +26,7 @@ from pacnet import CompetingSchemasConfig, PACNet, PACNetConfig, RecognitionConf
 from pacnet.demonstrations import load_demonstrations
 from pacnet.recognition_figures import recognition_over_time
 from pacnet.recorder import Recorder
+from pacnet.threads import use_one_thread
 from train.behaviour_episodes import (
     CHECKPOINTS,
     ONE,
@@ -94,7 +94,7 @@ def main() -> None:
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
     """One run, from demonstrations to scores."""
-    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    use_one_thread()
     record(folder / "dataset", arguments.seed, arguments.demonstrations)
     demonstrations = load_demonstrations(folder / "dataset")
     with LearningLog(folder / "tensorboard") as log:

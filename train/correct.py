@@ -18,7 +18,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import torch
 from tqdm import tqdm
 
 from envs.glass_offset import draw_offset
@@ -27,6 +26,7 @@ from envs.scene import CONTROL_TIMESTEP
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.imitator import Imitator
 from pacnet.recorder import Recorder
+from pacnet.threads import use_one_thread
 from train.correct_episodes import (
     COLUMNS,
     USUAL,
@@ -108,7 +108,7 @@ def run(
     arguments: argparse.Namespace, imitator: Imitator, given: Demonstrations, folder: Path
 ) -> None:
     """Episodes before, the corrections, episodes after."""
-    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    use_one_thread()
     seed, count = arguments.seed, arguments.episodes
     places = draw_places((seed, _PLACES), arguments.places)
     known = situations((seed, _KNOWN), [USUAL], count)

@@ -17,6 +17,7 @@ from torch import Tensor
 from envs.khepera import INFRARED_NAMES
 from pacnet import MLPForwardModel
 from pacnet.fitting import r2_of_change
+from pacnet.threads import use_one_thread
 from train.forward_model_figures import calibration, fit_curves
 from train.learning_log import LearningLog
 from train.runs import (
@@ -91,7 +92,7 @@ def main() -> None:
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
     """One run, from wandering to scores."""
-    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    use_one_thread()
     seed = arguments.seed
     record_wandering(folder / "dataset", arguments.arena, seed, arguments.transitions)
     wandering = load_wandering(folder / "dataset")

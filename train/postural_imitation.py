@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -21,6 +20,7 @@ from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.recorder import Recorder
+from pacnet.threads import use_one_thread
 from train.learning_log import LearningLog
 from train.postural_episodes import (
     TASK,
@@ -139,7 +139,7 @@ def main() -> None:
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
     """One run, from demonstrations to scores."""
-    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    use_one_thread()
     record(folder / "dataset", arguments.seed, arguments.demonstrations)
     demonstrations = load_demonstrations(folder / "dataset")
 

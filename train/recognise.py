@@ -16,7 +16,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import torch
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -30,6 +29,7 @@ from pacnet.demonstrations import (
     load_demonstrations,
 )
 from pacnet.recognition_figures import recognition_over_time
+from pacnet.threads import use_one_thread
 from pacnet.watching import Watched, column_names, column_values, joined, shown
 from train.recognition_scores import print_table, score_all, score_episode
 from train.runs import make_parser, natural, run_folder, save_figures, write_metrics
@@ -79,7 +79,7 @@ def run(
     arguments: argparse.Namespace, network: PACNet, demonstrations: Demonstrations, folder: Path
 ) -> None:
     """Recognition of all episodes, its scores, figures and dataset."""
-    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    use_one_thread()
     columns = column_names(network.behaviours, dimension_names(demonstrations.names))
     copies = is_copied(arguments.dataset, columns)
     watched = watch(network, demonstrations)

@@ -25,6 +25,7 @@ from pacnet import PACNet
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.recorder import Recorder
 from pacnet.schema_network import SchemaNetwork
+from pacnet.threads import use_one_thread
 from train.learning_log import LearningLog
 from train.postural_episodes import (
     Condition,
@@ -84,7 +85,7 @@ def main() -> None:
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
     """One run, from demonstrations to scores."""
-    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    use_one_thread()
     shown = demonstrate(arguments.seed, folder / "dataset")
     schemas = make_schema_network(shown)
     schemas.save_pretrained(folder / "checkpoint" / "schema_network")

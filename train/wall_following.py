@@ -13,11 +13,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import torch
 from tqdm import tqdm
 
 from envs.khepera import INFRARED_NAMES
 from pacnet import MLPForwardModel, PACNet
+from pacnet.threads import use_one_thread
 from train.learning_log import LearningLog
 from train.runs import (
     command_line,
@@ -79,7 +79,7 @@ def main() -> None:
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
     """One run, from wandering to scores."""
-    torch.set_num_threads(1)  # the tensors are small: more threads would only wait on one another
+    use_one_thread()
     with LearningLog(folder / "tensorboard") as log:
         learned = learn(arguments.seed, arguments.arena, folder, log)
         network = learned.network
