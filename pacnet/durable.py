@@ -1,4 +1,8 @@
-"""Files that are whole and on the disk before anything rests on them."""
+"""Files that are whole and on the disk before anything rests on them.
+
+What is written is a file of its own: neither a link at its name nor another name of the same file
+leads elsewhere.
+"""
 
 import os
 from collections.abc import Iterator
@@ -11,11 +15,23 @@ NEW = ".new"  # suffix of a file that is not whole yet
 
 @contextmanager
 def written_through(path: Path) -> Iterator[IO[bytes]]:
-    """A file to write, which is down on the disk after the block: its rename cannot overtake it."""
-    with path.open("wb") as file:
+    """A file to write, which is down on the disk after the block: its rename cannot overtake it.
+
+    What is at `path` already is deleted, not written into.
+    """
+    with _made_anew(path) as file:
         yield file
         file.flush()
         os.fsync(file.fileno())
+
+
+def _made_anew(path: Path) -> IO[bytes]:
+    """A new file, opened exclusively, which never follows a symbolic link."""
+    try:
+        return path.open("xb")
+    except FileExistsError:
+        path.unlink()
+        return path.open("xb")
 
 
 def put_in_place(path: Path, content: bytes) -> None:
