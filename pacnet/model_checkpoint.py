@@ -13,6 +13,8 @@ from pacnet.checkpoint import read_checkpoint, write_checkpoint
 
 _KIND = "model"  # the field of the config document that names the class
 
+_FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)  # that a model may be in
+
 _Config = TypeVar("_Config")
 
 
@@ -55,7 +57,7 @@ def rebuild_config(kind: type[_Config], fields: dict[str, Any]) -> _Config:
     """
     try:
         return kind(**fields)
-    except TypeError as error:
+    except (TypeError, OverflowError) as error:
         raise ValueError(
             f"expected the fields of {kind.__name__}, got {fields}: {error}"
         ) from error
@@ -79,7 +81,7 @@ def load_tensors(model: nn.Module, tensors: dict[str, Tensor], like: str) -> Non
             f"expected the tensors of {kind}, "
             f"got {sorted(missing) or 'none'} missing, {sorted(extra) or 'none'} extra"
         )
-    if tensors[like].is_floating_point():
+    if tensors[like].dtype in _FLOATS:
         model.to(tensors[like].dtype)
     for name, tensor in model.state_dict().items():
         wanted, got = (tensor.dtype, tensor.shape), (tensors[name].dtype, tensors[name].shape)

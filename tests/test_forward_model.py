@@ -12,10 +12,10 @@ from fractions import Fraction
 
 import pytest
 import torch
-from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from pacnet import fitting
+from pacnet.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.fitting import BLOCK, mean_and_std, r2_of_change, split_by_blocks
 from pacnet.forward_model import Command, ForwardModel
 from pacnet.mlp_forward_model import MLPForwardModel, MLPForwardModelConfig
@@ -472,10 +472,9 @@ def test_a_saved_model_comes_back_whole(tmp_path, fitted, dtype):
 
 def damage(folder, name: str, tensor: Tensor | None) -> None:
     """Replaces one tensor of a checkpoint, or takes it out."""
-    path = folder / "model.safetensors"
-    tensors = load_file(path)
+    fields, tensors = read_checkpoint(folder)
     tensors.pop(name, None)
-    save_file(tensors if tensor is None else tensors | {name: tensor}, path)
+    write_checkpoint(folder, fields, tensors if tensor is None else tensors | {name: tensor})
 
 
 @pytest.mark.parametrize(
@@ -512,10 +511,8 @@ def test_the_checkpoint_of_something_else_is_refused(tmp_path):
 
 def test_an_unknown_field_of_the_config_is_refused(tmp_path):
     linear_model().save_pretrained(tmp_path)
-    path = tmp_path / "config.json"
-    document = json.loads(path.read_text())
-    document["config"]["layers"] = 3
-    path.write_text(json.dumps(document))
+    fields, tensors = read_checkpoint(tmp_path)
+    write_checkpoint(tmp_path, fields | {"layers": 3}, tensors)
     with pytest.raises(ValueError, match=r"expected the fields of MLPForwardModelConfig.*'layers'"):
         MLPForwardModel.from_pretrained(tmp_path)
 
