@@ -4,6 +4,7 @@ LeRobot takes every feature called `observation*` or `action*` for something to 
 columns of other names are left alone by its policies.
 """
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pacnet.datasets.lerobot_files import PICTURES, DatasetError, read_info
+from pacnet.datasets.errors import DatasetError
+from pacnet.datasets.lerobot_files import PICTURES, read_info
 from pacnet.datasets.recording import RESERVED, Feature, checked_features, checked_frames
 from pacnet.demonstrations import Demonstrations, load_demonstrations
 from pacnet.durable import NEW, flush_folder, make_folder
@@ -52,7 +54,7 @@ def write_annotated(
             another shape, length or dtype, or not finite.
     """
     destination = Path(destination)
-    if destination.exists():
+    if os.path.lexists(destination):
         raise FileExistsError(f"expected a folder to be made for the copy, {destination} exists")
     info = read_info(Path(source))
     copied = check_source(source, columns)

@@ -12,15 +12,9 @@ import torch
 from torch import Tensor
 
 from pacnet.datasets.encoded_images import Encoder, encode_images
+from pacnet.datasets.errors import DatasetError
 from pacnet.datasets.journal import check_folded
-from pacnet.datasets.lerobot_files import (
-    PICTURES,
-    DatasetError,
-    read_frames,
-    read_info,
-    read_tasks,
-    told_names,
-)
+from pacnet.datasets.lerobot_files import PICTURES, read_frames, read_info, read_tasks, told_names
 
 STATE, ENVIRONMENT_STATE, ACTION = (
     "observation.state", "observation.environment_state", "action",
@@ -148,8 +142,9 @@ def load_demonstrations(
     if environment_state == ENVIRONMENT_STATE and environment_state not in info["features"]:
         environment_state = None
     features = [name for name in (state, environment_state, action) if name is not None]
+    dimensions = {feature: _dimension(info, feature) for feature in features}
+    frames = read_frames(root, dimensions, info["total_frames"])
     names = {feature: _dimension_names(info, feature) for feature in features}
-    frames = read_frames(root, {feature: len(names[feature]) for feature in features})
     starts = _episode_starts(info, frames)
     for feature in features:
         _check_finite(frames, feature, names[feature])
@@ -194,8 +189,8 @@ def _with_encoded(
     )
 
 
-def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
-    """The names of a feature's dimensions, or their numbers where the dataset has no names."""
+def _dimension(info: dict[str, Any], feature: str) -> int:
+    """The number of a feature's dimensions, which the data files have still to confirm."""
     if feature not in info["features"]:
         there = ", ".join(sorted(info["features"]))
         raise DatasetError(f"expected the feature {feature!r}, the dataset has {there}")
@@ -211,7 +206,13 @@ def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
         )
     if not re.match("float|u?int|bool", str(dtype)) or not _is_vector_shape(shape):
         raise DatasetError(f"{wanted}, found dtype {dtype}, shape {shape}")
-    return tuple(told_names(description) or map(str, range(shape[0])))
+    return shape[0]
+
+
+def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
+    """The names of a feature's dimensions, or their numbers where the dataset has no names."""
+    description = info["features"][feature]
+    return tuple(told_names(description) or map(str, range(description["shape"][0])))
 
 
 def _is_vector_shape(shape: object) -> TypeGuard[list[int]]:
@@ -220,9 +221,7 @@ def _is_vector_shape(shape: object) -> TypeGuard[list[int]]:
 
 def _episode_starts(info: dict[str, Any], frames: Mapping[str, np.ndarray]) -> np.ndarray:
     """The row at which each episode starts, after comparing the frames with info.json."""
-    expected, found = info["total_frames"], len(frames["index"])
-    if found != expected:
-        raise DatasetError(f"meta/info.json counts {expected} frames, the data files hold {found}")
+    found = len(frames["index"])
     if not np.array_equal(frames["index"], np.arange(found)):
         raise DatasetError(f"expected the frames' index to run from 0 to {found - 1} without gaps")
     starts = np.flatnonzero(np.diff(frames["episode_index"], prepend=-1))

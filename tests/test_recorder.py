@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from pacnet.datasets.folding import fold
 from pacnet.datasets.journal import Journal, check_folded
-from pacnet.datasets.lerobot_files import DatasetError, read_parquet
+from pacnet.datasets.lerobot_files import DatasetError
+from pacnet.datasets.parquet_files import read_parquet
 from pacnet.datasets.recording import Feature
 from pacnet.demonstrations import load_demonstrations
 from pacnet.durable import put_in_place
@@ -527,7 +528,7 @@ def test_statistics_read_each_file_of_frames_once(tmp_path: Path, monkeypatch: p
         read.append(path)
         return read_parquet(path, *columns)
 
-    monkeypatch.setattr("pacnet.datasets.lerobot_files.read_parquet", note_and_read)
+    monkeypatch.setattr("pacnet.datasets.parquet_files.read_parquet", note_and_read)
     record(tmp_path / "new", episode(2))
 
     old = tmp_path / "new/data/chunk-000"

@@ -11,7 +11,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pacnet.datasets.lerobot_files import PICTURES, DatasetError
+from pacnet.datasets.errors import DatasetError
+from pacnet.datasets.lerobot_files import PICTURES
+from pacnet.datasets.places import check_data_path, check_video_path
 
 Encoder = Callable[[Tensor], Tensor]
 """Makes a vector [F] of an image [channels, height, width], float32 from 0 to 1."""
@@ -32,7 +34,7 @@ def encode_images(
         Feature -> vectors of all frames, float32 [N, F].
 
     Raises:
-        DatasetError: LeRobot is not installed.
+        DatasetError: LeRobot is not installed, or the dataset names files outside of its folder.
         ValueError: A feature that the dataset lacks or that is no image or video, or an encoder
             that gives something else than finite vectors of one length.
     """
@@ -47,12 +49,26 @@ def encode_images(
                 f"expected encoders for images or videos of the dataset "
                 f"({', '.join(pictures) or 'it has none'}), got one for {feature!r}"
             )
+    _check_paths(info)
     vectors: dict[str, list[Tensor]] = {feature: [] for feature in encoders}
     for frame in _frames(root):
         for feature, encoder in encoders.items():
             vector = _checked(feature, encoder(frame[feature]), vectors[feature])
             vectors[feature].append(vector)
     return {feature: torch.stack(rows) for feature, rows in vectors.items()}
+
+
+def _check_paths(info: Mapping[str, Any]) -> None:
+    """Refuse templates of paths that lead LeRobot, which believes them, out of the dataset."""
+    if info.get("data_path") is not None:
+        check_data_path(info["data_path"])
+    videos = [
+        name
+        for name, told in info["features"].items()
+        if isinstance(told, dict) and told.get("dtype") == "video"
+    ]
+    if videos:
+        check_video_path(info.get("video_path"), videos)
 
 
 def _frames(root: Path) -> Any:

@@ -11,17 +11,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.datasets.description import OWN_COLUMNS, check_appendable
+from pacnet.datasets.errors import DatasetError
 from pacnet.datasets.lerobot_files import (
     FORMAT_VERSION,
     INFO,
     TASKS,
-    DatasetError,
     read_all_tasks,
-    read_columns,
     read_description,
-    told_names,
 )
-from pacnet.datasets.recording import RESERVED, STORED, Recording
+from pacnet.datasets.parquet_files import count_rows, integers, opened, read_columns
+from pacnet.datasets.places import free_for_file, within
+from pacnet.datasets.recording import Recording
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -29,14 +30,6 @@ if TYPE_CHECKING:
 STATISTICS = "meta/stats.json"
 _EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _FRAMES = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-# Columns that the format has beside the features.
-_OWN = {
-    "timestamp": "float32",
-    "frame_index": "int64",
-    "episode_index": "int64",
-    "index": "int64",
-    "task_index": "int64",
-}
 # What LeRobot takes for granted where a dataset does not say it.
 _DEFAULTS = {"chunks_size": 1000, "data_files_size_in_mb": 100, "data_path": _FRAMES}
 _POINTERS = (
@@ -75,6 +68,10 @@ class Dataset(NamedTuple):
         """Where a file of frames lies in the dataset's folder."""
         return self.info["data_path"].format(**number._asdict())
 
+    def frames_path(self, root: Path, number: FileNumber) -> Path:
+        """The path of a file of frames, which no link leads out of the dataset."""
+        return within(root, self.frames_place(number))
+
     def episodes_place(self) -> str:
         """Where the next file of episodes lies in the dataset's folder."""
         return _EPISODES.format(**self.next_episodes._asdict())
@@ -86,7 +83,9 @@ def new_dataset(recording: Recording) -> Dataset:
         name: {"dtype": told.dtype, "shape": [len(told.names)], "names": list(told.names)}
         for name, told in recording.features.items()
     }
-    own = {name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in _OWN.items()}
+    own = {
+        name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in OWN_COLUMNS.items()
+    }
     info = {
         "codebase_version": FORMAT_VERSION,
         "robot_type": recording.robot_type,
@@ -117,12 +116,15 @@ def read_dataset(root: Path) -> Dataset:
     """
     info = read_description(root)
     info |= _DEFAULTS | info
+    check_appendable(root / INFO, info)
     paths = sorted((root / "meta" / "episodes").glob("*/*.parquet"))
-    if not paths and info.get("total_frames") == 0:
+    if not paths and (info.get("total_frames"), info.get("total_episodes")) == (0, 0):
         return _without_episodes(info)
     if not paths:
         raise DatasetError(f"{root} has no meta/episodes/chunk-*/file-*.parquet")
     rows = np.concatenate([_pointers(path) for path in paths])
+    if not len(rows):
+        raise DatasetError(f"{root}: expected episodes in meta/episodes, found none")
     files = [FileNumber(*pair) for pair in dict.fromkeys(map(tuple, rows[:, :2].tolist()))]
     size = info["chunks_size"]
     dataset = Dataset(
@@ -134,18 +136,39 @@ def read_dataset(root: Path) -> Dataset:
         _schema(paths[-1]),
     )
     _check_counts(root, dataset, episodes=len(rows), frames=int(rows[-1, 2]))
+    _check_next(root, dataset)
     return dataset
+
+
+def _check_next(root: Path, dataset: Dataset) -> None:
+    """Refuse numbers of files after which a new one would replace one that is there."""
+    if max(dataset.frame_files) != dataset.frame_files[-1]:
+        raise DatasetError(f"{root}: expected the last episode in the last of its files of frames")
+    path = within(root, dataset.episodes_place())
+    if path.exists():
+        raise DatasetError(f"{root}: expected {path} to be numbered in meta/episodes, or not there")
+
+
+def check_places(root: Path, dataset: Dataset) -> None:
+    """Refuse a dataset with places that no file can be put at, or that a link leads out of it.
+
+    Raises:
+        DatasetError: There is one.
+    """
+    frames = dataset.frames_place(dataset.next_frames)
+    for place in (INFO, STATISTICS, TASKS, frames, dataset.episodes_place()):
+        free_for_file(root, place)
 
 
 def _pointers(path: Path) -> NDArray[np.generic]:
     """Where the episodes of one file are, [episodes, pointers]."""
-    return np.hstack([*read_columns(path, dict.fromkeys(_POINTERS, 1)).values()])
+    columns = read_columns(path, dict.fromkeys(_POINTERS, 1))
+    return np.hstack([integers(path, name, rows) for name, rows in columns.items()])
 
 
 def _schema(path: Path) -> "pa.Schema":
-    import pyarrow.parquet as pq
-
-    return pq.read_schema(path)
+    with opened(path) as file:
+        return file.schema_arrow
 
 
 def _read_tasks(root: Path) -> list[str]:
@@ -158,16 +181,8 @@ def _read_tasks(root: Path) -> list[str]:
 
 def _check_counts(root: Path, dataset: Dataset, episodes: int, frames: int) -> None:
     """Refuse a dataset that a killed writer left in pieces, before anything is added to it."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    info, rows = dataset.info, 0
-    for number in dataset.frame_files:
-        path = root / dataset.frames_place(number)
-        try:
-            rows += pq.read_metadata(path).num_rows
-        except (OSError, pa.ArrowException) as error:
-            raise DatasetError(f"{path} cannot be read: {error}") from error
+    info = dataset.info
+    rows = sum(count_rows(dataset.frames_path(root, number)) for number in dataset.frame_files)
     frames_told = info.get("total_frames")
     counted = (info.get("total_episodes"), frames_told, frames_told)
     if counted != (episodes, frames, rows):
@@ -189,45 +204,3 @@ def features_of(
     files = [read_columns(path, dimensions) for path in paths]
     for name in dimensions:
         yield name, np.concatenate([columns.pop(name) for columns in files])
-
-
-def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
-    """Refuse to append a recording to a dataset of something else.
-
-    Raises:
-        ValueError: The frames per second, the features or the robot's type differ, or there are
-            features that no recording has.
-    """
-    there = {name: told for name, told in info["features"].items() if name not in RESERVED}
-    for name, told in there.items():
-        if told["dtype"] not in STORED:
-            raise ValueError(
-                f"expected a dataset of {', '.join(STORED)}, which is what Recorder stores: with "
-                f"{name!r} being {told['dtype']}, {root} cannot be appended to with it"
-            )
-    if recording.fps != info["fps"]:
-        raise ValueError(f"expected fps {info['fps']} as in {root}, got {recording.fps}")
-    if set(there) != set(recording.features):
-        raise ValueError(
-            f"expected the features {sorted(there)} as in {root}, got {sorted(recording.features)}"
-        )
-    for name, told in recording.features.items():
-        expected, got = _described(there[name], told.names), (told.dtype, list(told.names))
-        if expected != got:
-            raise ValueError(
-                f"expected {name!r} as {expected[0]} of {expected[1]} as in {root}, "
-                f"got {got[0]} of {got[1]}"
-            )
-    robot = info.get("robot_type")
-    if recording.robot_type not in (None, robot):
-        raise ValueError(
-            f"expected robot_type {robot!r} as in {root}, got {recording.robot_type!r}"
-        )
-
-
-def _described(told: dict[str, Any], otherwise: Sequence[str]) -> tuple[str, list[str]]:
-    """A feature's dtype and names; a dataset may be without names."""
-    names, shape = told_names(told), list(told["shape"])
-    if names is not None:
-        return told["dtype"], names
-    return told["dtype"], list(otherwise) if shape == [len(otherwise)] else [f"shape {shape}"]

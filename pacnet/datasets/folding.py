@@ -12,18 +12,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pacnet.datasets.arrow_columns import to_arrow, to_numpy
+from pacnet.datasets.description import check_same
+from pacnet.datasets.errors import DatasetError
 from pacnet.datasets.files import (
     STATISTICS,
     Dataset,
     FileNumber,
-    check_same,
+    check_places,
     features_of,
     new_dataset,
     read_dataset,
 )
 from pacnet.datasets.frame_files import FrameFiles
-from pacnet.datasets.journal import Journal, read_episode
-from pacnet.datasets.lerobot_files import INFO, TASKS, DatasetError
+from pacnet.datasets.journal import Journal
+from pacnet.datasets.journal_files import read_episode
+from pacnet.datasets.lerobot_files import INFO, TASKS
 from pacnet.datasets.old_frames import check_frames, check_orphans
 from pacnet.datasets.recording import Recording
 from pacnet.datasets.staging import Stage, settle
@@ -79,10 +82,12 @@ def find_dataset(root: Path, recording: Recording) -> Dataset:
     """
     if not (root / INFO).exists():
         _check_begun(root)
-        return new_dataset(recording)
-    dataset = read_dataset(root)
-    check_same(root, dataset.info, recording)
-    check_frames(root, dataset)
+        dataset = new_dataset(recording)
+    else:
+        dataset = read_dataset(root)
+        check_same(root, dataset.info, recording)
+        check_frames(root, dataset)
+    check_places(root, dataset)
     return dataset
 
 
@@ -96,6 +101,20 @@ def check_ready(root: Path, recording: Recording) -> None:
     """
     dataset = find_dataset(root, recording)
     check_orphans(root, dataset, [dataset.frames_place(dataset.next_frames)])
+    _try_frame(dataset, recording)
+
+
+def _try_frame(dataset: Dataset, recording: Recording) -> None:
+    """Refuse a dataset in whose columns no frame of the recording can be described."""
+    import pyarrow as pa
+
+    columns = {
+        name: to_arrow(np.zeros((1, len(told.names)), told.dtype))
+        for name, told in recording.features.items()
+    }
+    table = _with_own_columns(dataset.info, pa.table(columns), 0, 0, 0)
+    row = _described(table, "task", dataset.info["features"]) | _placed("data", FileNumber(0, 0))
+    _episodes_bytes(dataset, [row | _placed("meta/episodes", FileNumber(0, 0))])
 
 
 def _check_begun(root: Path) -> None:
@@ -113,11 +132,11 @@ def _stage_files(root: Path, dataset: Dataset, episodes: Sequence[Path], stage: 
     tasks = list(dataset.tasks)
     fresh, rows = _stage_frames(dataset, episodes, tasks, stage)
     check_orphans(root, dataset, stage.places)
-    frames = [*(root / dataset.frames_place(number) for number in dataset.frame_files), *fresh]
+    frames = [*(dataset.frames_path(root, number) for number in dataset.frame_files), *fresh]
     whole = _statistics_of(frames, dataset.info["features"])
     _stage_bytes(stage, STATISTICS, json_bytes(whole))
     _stage_table(stage, TASKS, tasks_table(tasks))
-    _stage_table(stage, dataset.episodes_place(), episodes_table(rows, dataset.episodes_schema))
+    _stage_bytes(stage, dataset.episodes_place(), _episodes_bytes(dataset, rows))
     counts = {
         "total_episodes": dataset.info["total_episodes"] + len(rows),
         "total_frames": rows[-1]["dataset_to_index"],
@@ -143,10 +162,12 @@ def _stage_frames(
 ) -> tuple[list[Path], list[dict[str, Any]]]:
     """The files of the new frames and the descriptions of their episodes; new tasks are added."""
     info, rows = dataset.info, []
-    start = info["total_frames"]
+    start, first = info["total_frames"], read_episode(episodes[0])[0]
     with FrameFiles(dataset, stage) as files:
         for number, path in enumerate(episodes, start=info["total_episodes"]):
-            _, task, table = read_episode(path)
+            recording, task, table = read_episode(path)
+            if recording[:2] != first[:2]:
+                raise DatasetError(f"{path} is of another recording than {episodes[0].name}")
             if task not in tasks:
                 tasks.append(task)
             table = _with_own_columns(info, table, start, number, tasks.index(task))
@@ -194,7 +215,23 @@ def _placed(kind: str, file: FileNumber) -> dict[str, int]:
     return {f"{kind}/{name}": number for name, number in file._asdict().items()}
 
 
-def _stage_bytes(stage: Stage, place: str, content: bytes) -> None:
+def _episodes_bytes(dataset: Dataset, rows: Sequence[dict[str, Any]]) -> "pa.Buffer":
+    """The next file of episodes, in the columns of the older ones."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    content = pa.BufferOutputStream()
+    try:
+        table = episodes_table(rows, dataset.episodes_schema)
+        pq.write_table(table, content, compression="snappy")
+    except pa.ArrowException as error:
+        raise DatasetError(
+            f"expected columns in meta/episodes that new episodes fit into: {error}"
+        ) from error
+    return content.getvalue()
+
+
+def _stage_bytes(stage: Stage, place: str, content: "bytes | pa.Buffer") -> None:
     with written_through(stage.add(place)) as file:
         file.write(content)
 

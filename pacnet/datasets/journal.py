@@ -5,29 +5,24 @@ lock in it records. Each episode's file says all that is needed to make a datase
 with its checksum.
 """
 
-import hashlib
-import json
 import os
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Self
+from typing import IO, Self
 
 from numpy.typing import NDArray
 
-from pacnet.datasets.arrow_columns import to_arrow
-from pacnet.datasets.lerobot_files import INFO, DatasetError
+from pacnet.datasets.errors import DatasetError
+from pacnet.datasets.journal_files import episode_bytes
+from pacnet.datasets.lerobot_files import INFO
 from pacnet.datasets.lock import delete_locked, lock_file
-from pacnet.datasets.recording import Feature, Recording
+from pacnet.datasets.places import EPISODE_FILE, JOURNAL, check_journal
+from pacnet.datasets.recording import Recording
 from pacnet.datasets.staging import is_complete
 from pacnet.durable import put_in_place
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-_FOLDER, _LOCK = "journal", "lock"
-_HEADER = b"pacnet"  # key of an episode's description in its file
-_CHECKSUM = 32  # bytes of it at the end of an episode's file
+_LOCK = "lock"
 
 
 class Journal:
@@ -44,8 +39,10 @@ class Journal:
         Raises:
             BlockingIOError: Somebody else records into the dataset.
             FileExistsError: There is something at `root` that is no dataset.
+            DatasetError: There is something in the journal that no recording has left there.
         """
-        self.root, self.folder = root, root / _FOLDER
+        check_journal(root / JOURNAL)
+        self.root, self.folder = root, root / JOURNAL
         self._process = os.getpid()
         self._made_root = not root.exists()
         self._lock = _locked(root)
@@ -56,7 +53,7 @@ class Journal:
         except BaseException:
             self.close()
             raise
-        self._next = int(last[0].stem.removeprefix("episode-")) + 1 if last else 0
+        self._next = _number(last[0]) + 1 if last else 0
 
     @property
     def is_forked(self) -> bool:
@@ -75,7 +72,7 @@ class Journal:
             task: The task in words.
             columns: Feature name -> its values, [T, D] of the feature's dtype.
         """
-        content = _episode_bytes(recording, task, columns)
+        content = episode_bytes(recording, task, columns)
         put_in_place(self.folder / f"episode-{self._next:06d}.arrow", content)
         self._next += 1
 
@@ -99,29 +96,9 @@ class Journal:
         self.close()
 
 
-def read_episode(path: Path) -> tuple[Recording, str, "pa.Table"]:
-    """What an episode belongs to, its task, and its features, one row per frame.
-
-    Raises:
-        DatasetError: The file is damaged.
-    """
-    import pyarrow as pa
-
-    content = memoryview(path.read_bytes())
-    stored, checksum = content[:-_CHECKSUM], content[-_CHECKSUM:]
-    if hashlib.sha256(stored).digest() != checksum:
-        raise DatasetError(f"{path} is damaged: once it is moved away, the rest can be recovered")
-    with pa.ipc.open_stream(pa.py_buffer(stored)) as reader:
-        table = reader.read_all()
-    told = json.loads(table.schema.metadata[_HEADER])
-    features = {name: Feature(tuple(names), dtype) for name, names, dtype in told["features"]}
-    recording = Recording(told["fps"], features, told["robot_type"])
-    return recording, told["task"], table.replace_schema_metadata()
-
-
 def has_journal(root: Path) -> bool:
     """Whether there is a journal in a dataset's folder, be it empty."""
-    return (root / _FOLDER).is_dir()
+    return (root / JOURNAL).is_dir()
 
 
 def check_folded(root: str | Path) -> None:
@@ -130,7 +107,7 @@ def check_folded(root: str | Path) -> None:
     Raises:
         DatasetError: There are some; the message says how they become part of the dataset.
     """
-    journal = Path(root) / _FOLDER
+    journal = Path(root) / JOURNAL
     count = len(_episodes(journal))
     if count and not is_complete(journal):
         raise DatasetError(
@@ -140,12 +117,21 @@ def check_folded(root: str | Path) -> None:
 
 
 def _episodes(journal: Path) -> list[Path]:
-    return sorted(journal.glob("episode-*.arrow"), key=lambda path: path.name)
+    check_journal(journal)
+    return sorted(journal.glob("episode-*.arrow"), key=_number)
+
+
+def _number(path: Path) -> int:
+    """The number of an episode's file, which its name tells."""
+    match = EPISODE_FILE.fullmatch(path.name)
+    if match is None:
+        raise DatasetError(f"expected files like episode-000000.arrow, found {path}: move it away")
+    return int(match[1])
 
 
 def _locked(root: Path) -> IO[bytes]:
     try:
-        return lock_file(root / _FOLDER / _LOCK)
+        return lock_file(root / JOURNAL / _LOCK)
     except BlockingIOError:
         raise BlockingIOError(
             f"expected to record into {root} alone, another recording into it goes on"
@@ -156,25 +142,9 @@ def _locked(root: Path) -> IO[bytes]:
 
 def _check_free(root: Path) -> None:
     """Refuse a folder of something else; one without files is left of a recording not begun."""
-    if not (root / INFO).exists() and {path.name for path in root.iterdir()} != {_FOLDER}:
+    if not (root / INFO).exists() and {path.name for path in root.iterdir()} != {JOURNAL}:
         raise _taken(root)
 
 
 def _taken(root: Path) -> FileExistsError:
     return FileExistsError(f"expected a dataset or a folder to be made, {root} exists")
-
-
-def _episode_bytes(recording: Recording, task: str, columns: Mapping[str, NDArray]) -> bytes:
-    import pyarrow as pa
-
-    features = [(name, told.names, told.dtype) for name, told in recording.features.items()]
-    told = recording._asdict() | {"features": features, "task": task}
-    table = pa.table(
-        {name: to_arrow(columns[name]) for name in recording.features},
-        metadata={_HEADER: json.dumps(told).encode()},
-    )
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, table.schema) as writer:
-        writer.write_table(table)
-    stored = sink.getvalue()
-    return b"".join((stored, hashlib.sha256(stored).digest()))

@@ -6,28 +6,26 @@ frame, many episodes a file. Images and videos are left alone. Needs pyarrow.
 """
 
 import json
-import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pacnet.datasets.arrow_columns import to_numpy
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from pacnet.datasets.errors import DatasetError
+from pacnet.datasets.parquet_files import (
+    count_rows,
+    integers,
+    read_columns,
+    read_parquet,
+)
 
 FORMAT_VERSION = "v3.0"
 INFO = "meta/info.json"
 TASKS = "meta/tasks.parquet"
 PICTURES = ("image", "video")  # dtypes of features that are no numbers
 _INDEX_COLUMNS = ("index", "episode_index", "task_index")
-
-
-class DatasetError(ValueError):
-    """A dataset that cannot be read as demonstrations; the message says what is wrong with it."""
 
 
 def read_info(root: Path) -> dict[str, Any]:
@@ -47,11 +45,11 @@ def read_description(root: Path) -> dict[str, Any]:
     path = root / INFO
     if not root.is_dir():
         raise DatasetError(f"expected the folder of a LeRobot dataset, found no folder {root}")
+    if not path.is_file():
+        raise DatasetError(f"{root} is no LeRobot dataset: it has no meta/info.json")
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise DatasetError(f"{root} is no LeRobot dataset: it has no meta/info.json") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path} cannot be read: {error}") from error
     version = info.get("codebase_version") if isinstance(info, dict) else None
     if version != FORMAT_VERSION:
@@ -66,7 +64,7 @@ def _check_counts(path: Path, info: dict[str, Any], *names: str) -> None:
     for name in names:
         count = info.get(name)
         number = 0 if isinstance(count, bool) or not isinstance(count, int | float) else count
-        if not 0 < number < math.inf:
+        if not 0 < number <= sys.float_info.max:
             raise DatasetError(f"{path}: expected {name} above 0 and finite, found {count!r}")
 
 
@@ -87,13 +85,29 @@ def told_names(description: Mapping[str, Any]) -> list[str] | None:
     return [str(name) for name in names]
 
 
-def read_frames(root: Path, dimensions: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """The index columns [N] and the features [N, D] of all data files, ordered by `index`."""
+def read_frames(
+    root: Path, dimensions: Mapping[str, int], total_frames: float
+) -> dict[str, np.ndarray]:
+    """The index columns [N] and the features [N, D] of all data files, ordered by `index`.
+
+    Args:
+        root: The dataset's folder.
+        dimensions: Feature -> D.
+        total_frames: N, which is compared with what the files say before any frame is read.
+
+    Raises:
+        DatasetError: N or D is another in the files, or they hold something else than numbers.
+    """
     paths = sorted((root / "data").glob("*/*.parquet"))
     if not paths:
         raise DatasetError(f"{root} has no data: expected data/chunk-*/file-*.parquet, found none")
+    found = sum(map(count_rows, paths))
+    if found != total_frames:
+        raise DatasetError(
+            f"meta/info.json counts {total_frames} frames, the data files hold {found}"
+        )
     wanted = {**dict.fromkeys(_INDEX_COLUMNS, 1), **dimensions}
-    files = [read_columns(path, wanted) for path in paths]
+    files = [_read_frames(path, wanted) for path in paths]
     frames = {name: np.concatenate([file[name] for file in files]) for name in files[0]}
     order = np.argsort(frames["index"][:, 0], kind="stable")
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused
@@ -101,6 +115,11 @@ def read_frames(root: Path, dimensions: Mapping[str, int]) -> dict[str, np.ndarr
             name: rows[order].astype(np.float32) if name in dimensions else rows[order, 0]
             for name, rows in frames.items()
         }
+
+
+def _read_frames(path: Path, dimensions: Mapping[str, int]) -> dict[str, np.ndarray]:
+    columns = read_columns(path, dimensions)
+    return columns | {name: integers(path, name, columns[name]) for name in _INDEX_COLUMNS}
 
 
 def read_tasks(root: Path, task_indices: np.ndarray) -> list[str]:
@@ -121,44 +140,8 @@ def read_all_tasks(root: Path) -> dict[int, str]:
         raise DatasetError(f"{path}: expected task_index and a task, found {table.column_names}")
     rows = list(zip(*(table[name].to_pylist() for name in ("task_index", *words)), strict=True))
     for number, task in rows:
-        if not isinstance(number, int) or not isinstance(task, str):
+        if type(number) is not int or not isinstance(task, str):
             raise DatasetError(
                 f"{path}: expected tasks as number, words, found {number!r}, {task!r}"
             )
     return dict(rows)
-
-
-def read_columns(path: Path, dimensions: Mapping[str, int]) -> dict[str, NDArray[np.generic]]:
-    """Columns of a Parquet file as vectors [N, D].
-
-    Args:
-        path: The file.
-        dimensions: Name of a column -> D.
-
-    Raises:
-        DatasetError: The file cannot be read, or holds something else.
-    """
-    table = read_parquet(path, [*dimensions])
-    columns = {}
-    for name, dimension in dimensions.items():
-        try:
-            columns[name] = to_numpy(table[name], dimension)
-        except ValueError as error:
-            raise DatasetError(f"{path}: expected numbers in {name!r}, found {error}") from None
-    return columns
-
-
-def read_parquet(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
-    """The named columns of a Parquet file, or all of them."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with pq.ParquetFile(path) as file:
-            there = file.schema_arrow.names
-            missing = [name for name in columns or () if name not in there]
-            if missing:
-                raise DatasetError(f"{path}: expected the columns {missing}, found {there}")
-            return file.read(columns)
-    except (OSError, pa.ArrowException) as error:
-        raise DatasetError(f"{path} cannot be read: {error}") from error

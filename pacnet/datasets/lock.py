@@ -21,6 +21,7 @@ def lock_file(path: Path) -> IO[bytes]:
 
     Raises:
         BlockingIOError: Another process, or another opening of the file, holds the lock.
+        OSError: There is a link in its place, which is not followed.
     """
     while True:
         file = _made(path)
@@ -54,7 +55,13 @@ def _made(path: Path) -> IO[bytes]:
 
 def _make(path: Path) -> IO[bytes]:
     make_folder(path.parent)
-    return path.open("ab")
+    # With an opener, which `Path.open` does not take.
+    return open(path, "ab", opener=_open_no_link)
+
+
+def _open_no_link(path: str, flags: int) -> int:
+    """Open what is no link, without waiting for the reader of a pipe."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 
 def _lock(file: IO[bytes]) -> None:
@@ -68,6 +75,6 @@ def _lock(file: IO[bytes]) -> None:
 def _is_still(path: Path, file: IO[bytes]) -> bool:
     """Whether the open file is the one that goes by its name now."""
     try:
-        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
+        return os.path.samestat(path.lstat(), os.fstat(file.fileno()))
     except FileNotFoundError:
         return False

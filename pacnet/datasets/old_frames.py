@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pacnet.datasets.arrow_columns import is_list, to_numpy
+from pacnet.datasets.errors import DatasetError
 from pacnet.datasets.files import Dataset
-from pacnet.datasets.lerobot_files import DatasetError, read_parquet
+from pacnet.datasets.parquet_files import opened, read_parquet
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -29,7 +30,7 @@ def check_frames(root: Path, dataset: Dataset) -> None:
     features = dataset.info["features"]
     dimensions = {name: told["shape"][0] for name, told in features.items()}
     for number in dataset.frame_files:
-        _check_file(root / dataset.frames_place(number), dimensions)
+        _check_file(dataset.frames_path(root, number), dimensions)
     for path in sorted((root / "meta" / "episodes").glob("*/*.parquet")):
         _check_extremes(path, features)
 
@@ -53,9 +54,9 @@ def check_orphans(root: Path, dataset: Dataset, written: Iterable[str]) -> None:
 
 
 def _check_file(path: Path, dimensions: Mapping[str, int]) -> None:
-    import pyarrow.parquet as pq
+    import pyarrow as pa
 
-    with pq.ParquetFile(path) as file:
+    with opened(path) as file:
         nothing, told = file.schema_arrow.empty_table(), file.metadata
     missing = [name for name in dimensions if name not in nothing.column_names]
     if missing:
@@ -65,7 +66,7 @@ def _check_file(path: Path, dimensions: Mapping[str, int]) -> None:
             to_numpy(nothing[name], dimension)
             for chunk in _chunks(told, name):
                 _check_chunk(*chunk, dimension)
-        except ValueError as error:
+        except (ValueError, pa.ArrowException) as error:
             raise DatasetError(f"{path}: expected numbers in {name!r}, found {error}") from None
 
 
@@ -87,9 +88,8 @@ def _check_chunk(rows: int, column: "pq.ColumnChunkMetaData", dimension: int) ->
 
 
 def _check_extremes(path: Path, features: Iterable[str]) -> None:
-    import pyarrow.parquet as pq
-
-    there = pq.read_schema(path).names
+    with opened(path) as file:
+        there = file.schema_arrow.names
     names = {f"stats/{feature}/{name}": feature for feature in features for name in ("min", "max")}
     table = read_parquet(path, ["episode_index", *(name for name in names if name in there)])
     for name in table.column_names[1:]:

@@ -50,12 +50,13 @@ def checked_recording(
     """What a recording is of, as it is stored.
 
     Raises:
-        ValueError: `fps` is not a positive integer, the robot's type is no text, or as
+        ValueError: `fps` is not a positive integer below 2**31, the robot's type is no text, or as
             `checked_features`.
     """
     rate = 0 if isinstance(fps, bool) else _whole(fps)
-    if rate <= 0:
-        raise ValueError(f"expected fps as an integer above 0, got {fps!r}")
+    if not 0 < rate < 2**31:
+        bound = "above 0" if rate <= 0 else "below 2**31"
+        raise ValueError(f"expected fps as an integer {bound}, got {fps!r}")
     if robot_type is not None and not is_text(robot_type):
         raise ValueError(f"expected robot_type as text or None, got {robot_type!r}")
     return Recording(rate, checked_features(features), robot_type)
@@ -99,7 +100,7 @@ def _checked_feature(name: str, told: Sequence[str] | Feature) -> Feature:
             f"expected {name!r} to have distinct dimension names as text, in a list or tuple, "
             f"got {names!r}{hint}"
         )
-    if dtype not in STORED:
+    if not isinstance(dtype, str) or dtype not in STORED:
         raise ValueError(f"expected {name!r} of dtype {', '.join(STORED)}, got {dtype!r}")
     return Feature(tuple(names), dtype)
 

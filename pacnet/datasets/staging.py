@@ -5,20 +5,38 @@ them are on the disk, is the instant from which they count; then they are moved,
 before that instant, the process leaves the old files; after it, what is left to move is in the
 list. As long as any is staged, not all are in place. `meta/info.json` is the last, directly after
 the episodes' file: between the two, the dataset contradicts itself.
+
+The list is believed in nothing: it is checked as a whole before the first file is moved.
 """
 
 import hashlib
 import json
 import shutil
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple, TypeGuard
 
-from pacnet.datasets.lerobot_files import INFO, DatasetError
+from pacnet.datasets.errors import DatasetError
+from pacnet.datasets.lerobot_files import INFO
+from pacnet.datasets.places import (
+    EPISODE_FILE,
+    STAGED,
+    check_journal,
+    free_for_file,
+    real_path,
+)
 from pacnet.durable import NEW, flush_folder, put_in_place
 
 _LIST = "fold.json"
-_STAGED = "fold"
+
+
+class _Commit(NamedTuple):
+    """What the list of a commit says."""
+
+    places: list[str]  # of the files, in the order in which they move
+    folded: list[str]  # names of the journal's files that are then deleted
+    info: str | None  # digest of `meta/info.json` as it was
+    new_info: str | None  # and as it will be
 
 
 class Stage:
@@ -29,15 +47,25 @@ class Stage:
     """
 
     def __init__(self, journal: Path) -> None:
-        """An empty stage; what was staged and not committed before goes."""
+        """An empty stage; what was staged and not committed before goes.
+
+        Raises:
+            DatasetError: There are links in the journal.
+        """
+        check_journal(journal)
         self._journal = journal
-        self._folder = journal / _STAGED
+        self._folder = journal / STAGED
         shutil.rmtree(self._folder, ignore_errors=True)
         self._folder.mkdir()
         self.places: list[str] = []
 
     def add(self, place: str) -> Path:
-        """Where to write the file for a place, down to the disk."""
+        """Where to write the file for a place, down to the disk.
+
+        Raises:
+            DatasetError: No file of the dataset can be there.
+        """
+        _check_place(self._journal, place)
         self.places.append(place)
         return self._folder / str(len(self.places) - 1)
 
@@ -66,20 +94,21 @@ def settle(journal: Path) -> None:
     is still in the journal.
 
     Raises:
-        DatasetError: The list of what was committed is damaged.
+        DatasetError: The list of what was committed is damaged or names places outside of the
+            dataset, or there are links in the journal; nothing is changed then.
     """
     listed = _listed(journal)
     if listed is not None:
-        ours = _digest(journal.parent / INFO) in (listed["info"], listed.get("new_info"))
+        ours = _digest(journal.parent / INFO) in (listed.info, listed.new_info)
         if ours and not is_complete(journal):
-            _move(journal, listed["places"])
+            _move(journal, listed.places)
         if is_complete(journal):
-            for name in listed["folded"]:
+            for name in listed.folded:
                 (journal / name).unlink(missing_ok=True)
             flush_folder(journal)
         (journal / _LIST).unlink()
         flush_folder(journal)
-    shutil.rmtree(journal / _STAGED, ignore_errors=True)
+    shutil.rmtree(journal / STAGED, ignore_errors=True)
     for path in journal.glob(f"*{NEW}"):
         path.unlink()
 
@@ -87,25 +116,59 @@ def settle(journal: Path) -> None:
 def is_complete(journal: Path) -> bool:
     """Whether all that was committed is in place, and only the journal is still to be cleared."""
     listed = _listed(journal)
-    return listed is not None and not _staged(journal, listed["places"])
+    return listed is not None and not _staged(journal, listed.places)
 
 
-def _listed(journal: Path) -> dict[str, Any] | None:
+def _listed(journal: Path) -> _Commit | None:
     """What was committed, or None."""
+    check_journal(journal)
     path = journal / _LIST
     try:
-        return json.loads(path.read_bytes())
+        return _checked(journal, json.loads(path.read_bytes()))
     except FileNotFoundError:
         return None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DatasetError(
             f"{path} is damaged ({error}): without it, all that is in the journal is folded anew"
         ) from None
 
 
+def _checked(journal: Path, listed: object) -> _Commit:
+    """What a list says, or a ValueError."""
+    told = listed if isinstance(listed, dict) else {}
+    places, folded = told.get("places"), told.get("folded")
+    if not _are_names(places) or places[-1:] != [INFO]:
+        raise ValueError(f"expected different places, {INFO} the last, found {places!r}")
+    if not _are_names(folded) or not all(map(EPISODE_FILE.fullmatch, folded)):
+        raise ValueError(f"expected names of episodes' files, found {folded!r}")
+    for place in places:
+        _check_place(journal, place)
+    folders = {str(folder) for place in places for folder in PurePosixPath(place).parents}
+    if folders & {*places}:
+        raise ValueError(f"expected places of files, found {folders & {*places}} with others in it")
+    digests = [told.get(name) for name in ("info", "new_info")]
+    for digest in digests:
+        if digest is not None and not isinstance(digest, str):
+            raise ValueError(f"expected digests as text, found {digest!r}")
+    return _Commit(places, folded, *digests)
+
+
+def _are_names(names: object) -> TypeGuard[list[str]]:
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        return False
+    return len(set(names)) == len(names)
+
+
+def _check_place(journal: Path, place: str) -> None:
+    """Refuse a place that is none for a file of the dataset, or lies in its journal."""
+    path = free_for_file(journal.parent, place)
+    if real_path(path).is_relative_to(real_path(journal)):
+        raise DatasetError(f"expected a place outside of the journal, found {path}")
+
+
 def _staged(journal: Path, places: Sequence[str]) -> dict[str, Path]:
     """Where the files are that are still to be moved, by their places."""
-    paths = {place: journal / _STAGED / str(number) for number, place in enumerate(places)}
+    paths = {place: journal / STAGED / str(number) for number, place in enumerate(places)}
     return {place: path for place, path in paths.items() if path.exists()}
 
 
@@ -132,4 +195,4 @@ def _flush_folders(root: Path, places: Sequence[str]) -> None:
 
 
 def _digest(path: Path) -> str | None:
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else None
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
