@@ -230,8 +230,10 @@ def test_nothing_is_written_moved_or_deleted_through_a_link(
     assert_refused(root, act)
 
 
-@pytest.mark.parametrize("linked", [name for name in LINKS if not name.startswith("journal")])
-def test_nothing_is_recorded_into_a_dataset_with_links_in_place_of_what_would_be_written(
+@pytest.mark.parametrize(
+    "linked", [FRAMES, *(name for name in LINKS if not name.startswith("journal"))]
+)
+def test_nothing_is_recorded_into_a_dataset_with_links_out_of_it(
     made: Path, top: Path, linked: str
 ):
     root = place(made / "plain", top)

@@ -486,6 +486,11 @@ def damage(folder, name: str, tensor: Tensor | None) -> None:
         ("state_mean", torch.zeros(2), "state_mean .* as torch.float64 .* got torch.float32"),
         ("network.2.bias", torch.zeros(2).double(), "network.2.bias .* got torch.float64"),
         ("network.0.weight", torch.zeros(16, 4).long(), "network.0.weight .* got torch.int64"),
+        (
+            "network.0.weight",
+            torch.zeros(16, 4).to(torch.float8_e4m3fn),
+            "weight .* got torch.float8",
+        ),
         ("network.0.bias", torch.full((16,), math.nan), "expected finite network.0.bias"),
         ("change_std", torch.zeros(2).double(), r"expected change_std > 0 .* got \[0.0, 0.0\]"),
     ],
