@@ -20,7 +20,7 @@ from benchmarks.streams import CASES, Case
 from pacnet import HabituatingSOFM
 
 PRESETS = ("paper", "gwr")
-WANTED_OF_FLOOR = {"small": 2.5, "long": 3.0, "large": 2.0}  # at most so many times the C loop
+WANTED_OF_FLOOR = 2.0  # at most so many times the C loop
 WANTED_BEFORE_GROWING = 30  # at least so many times faster than every growing peer
 WANTED_BEFORE = {"MiniSom": 20}
 SAMPLES = {"eager": 5_000, "MiniSom": 20_000}  # of the slow ones, whose cost hardly changes
@@ -165,7 +165,7 @@ def _row(case: str, entry: Entry, cost: dict[str, float], sizes: dict[str, int])
             least_ahead = WANTED_BEFORE_GROWING
         wanted = f"≥ {least_ahead} ×" if least_ahead else NOTHING
     elif entry.name == "compiled":
-        wanted = f"≤ {WANTED_OF_FLOOR[case]} ×"
+        wanted = f"≤ {WANTED_OF_FLOOR} ×"
     return (who, f"{sizes[_key(entry)]:,}", number(own), of_floor, ahead, wanted)
 
 

@@ -9,9 +9,10 @@ import pytest
 import torch
 
 from benchmarks import __main__ as command
-from benchmarks import floor, harness, machine, observe, page
+from benchmarks import batch, floor, harness, machine, observe, page
 from benchmarks.grow_when_required import GrowWhenRequired
 from benchmarks.harness import Table
+from benchmarks.nodes import full_map
 from benchmarks.peers import PEERS, grid
 from benchmarks.streams import CASES, demonstrations
 from pacnet import HabituatingSOFM, SOFMConfig
@@ -123,7 +124,7 @@ def test_rows_compare_with_the_floor_of_the_preset_and_the_slower_of_the_two():
     sizes = dict.fromkeys(cost, 50)
     start = object()
     own = observe.Entry("compiled", "gwr", "ours", 2_500, start)
-    assert observe._row("small", own, cost, sizes)[2:] == ("6.00", "1.50 ×", "–", "≤ 2.5 ×")
+    assert observe._row("small", own, cost, sizes)[2:] == ("6.00", "1.50 ×", "–", "≤ 2.0 ×")
     peer = observe.Entry("minigng", None, "theirs", 2_500, start)
     assert observe._row("small", peer, cost, sizes)[2:] == ("240", "60.0 ×", "40.0 ×", "≥ 30 ×")
 
@@ -147,6 +148,18 @@ def test_a_grid_has_about_as_many_nodes():
         rows, columns = grid(nodes)
         assert abs(rows * columns - nodes) <= 0.05 * nodes
         assert abs(rows - columns) <= 2
+
+
+def test_searches_by_a_matrix_product_find_what_the_map_finds(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(batch, "CHUNK", 300)
+    monkeypatch.setattr(batch, "TORCH_CHUNK", 400)
+    som = full_map(50)
+    queries = torch.rand(1_000, som.config.dimensions, generator=torch.Generator().manual_seed(2))
+    attention = som(queries)
+    pair = torch.stack([attention.winner, attention.runner_up], dim=1)
+    assert torch.equal(batch.torch_two_nearest(queries, som.prototypes), pair)
+    winner, runner_up = batch.numpy_two_nearest(queries.numpy(), som.prototypes.numpy())
+    assert np.array_equal(np.stack([winner, runner_up], axis=1), pair.numpy())
 
 
 @pytest.mark.parametrize("max_edge_age", [50, 5])
