@@ -17,6 +17,7 @@ MODULES = {
     "observe": "learning a stream, beside a C loop and every peer",
     "nodes": "1,000 to 100,000 nodes, against the memory's bandwidth",
     "step": "one step of a control loop",
+    "acting": "a control loop beside a thread that learns",
     "batch": "many percepts at once, beside faiss",
     "ensemble": "many maps in one call",
     "import_time": "imports and first calls",

@@ -59,21 +59,26 @@ def visits(network: PACNet, seed: int = 0) -> np.ndarray:
 
 def imitator(engine: Engine) -> tuple[Imitator, np.ndarray]:
     """A taught one, and another demonstration of the same, float32 `[LENGTH, DIMENSIONS]`."""
-    stream = demonstrations((SHOWN + 1) * LENGTH + 1, DIMENSIONS, 1, seed=0)
+    lessons, shown = laps(SHOWN, LENGTH)
+    taught = Imitator.untaught(lessons, engine=engine)
+    taught.learn(lessons)
+    return taught.eval(), shown
+
+
+def laps(shown: int, length: int) -> tuple[Demonstrations, np.ndarray]:
+    """So many demonstrations, and the percepts of one more, float32 `[length, DIMENSIONS]`."""
+    stream = demonstrations((shown + 1) * length + 1, DIMENSIONS, 1, seed=0)
     percepts, actions = torch.from_numpy(stream[:-1]), torch.from_numpy(stream[1:, :JOINTS])
     names = {
         "observation.state": tuple(f"state {number}" for number in range(DIMENSIONS)),
         "action": tuple(f"joint {number}" for number in range(JOINTS)),
     }
-    pairs = zip(percepts.split(LENGTH)[:SHOWN], actions.split(LENGTH)[:SHOWN], strict=True)
-    shown = tuple(
+    pairs = zip(percepts.split(length)[:shown], actions.split(length)[:shown], strict=True)
+    episodes = tuple(
         Demonstration(number, "go round", state, state[:, :0], action)
         for number, (state, action) in enumerate(pairs)
     )
-    lessons = Demonstrations(50, names, shown, "laps")
-    taught = Imitator.untaught(lessons, engine=engine)
-    taught.learn(lessons)
-    return taught.eval(), stream[SHOWN * LENGTH : -1]
+    return Demonstrations(50, names, episodes, "laps"), stream[shown * length : -1]
 
 
 def measure() -> list[Table]:

@@ -2,6 +2,8 @@
 
 import importlib.util
 import socket
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +11,14 @@ import pytest
 import torch
 
 from benchmarks import __main__ as command
-from benchmarks import batch, floor, harness, machine, observe, page
+from benchmarks import acting, batch, floor, harness, machine, observe, page
 from benchmarks.grow_when_required import GrowWhenRequired
 from benchmarks.harness import Table
 from benchmarks.nodes import full_map
 from benchmarks.peers import PEERS, grid
+from benchmarks.step import laps
 from benchmarks.streams import CASES, demonstrations
-from pacnet import HabituatingSOFM, SOFMConfig
+from pacnet import HabituatingSOFM, Imitator, SOFMConfig
 
 RECORDED = tuple(name for name in floor.FIELDS if name != "activation")
 
@@ -160,6 +163,68 @@ def test_searches_by_a_matrix_product_find_what_the_map_finds(monkeypatch: pytes
     assert torch.equal(batch.torch_two_nearest(queries, som.prototypes), pair)
     winner, runner_up = batch.numpy_two_nearest(queries.numpy(), som.prototypes.numpy())
     assert np.array_equal(np.stack([winner, runner_up], axis=1), pair.numpy())
+
+
+@pytest.fixture
+def taught() -> Imitator:
+    lessons, _ = laps(2, 50)
+    imitator = Imitator.untaught(lessons)
+    imitator.learn(lessons)
+    return imitator.eval()
+
+
+def test_a_copy_learns_beside_the_block_and_the_one_that_acts_stays_as_it_is(taught: Imitator):
+    before = {name: tensor.clone() for name, tensor in taught.state_dict().items()}
+    lessons, watched = laps(3, 50)
+    learning = acting.Learning(taught, lessons)
+    deadline = time.monotonic() + 60
+    with learning.beside():
+        while learning.learned < 4 and time.monotonic() < deadline:
+            assert taught.step(watched[0]).decision.winner >= 0
+    learned = learning.learned
+    assert learned >= 4  # more than once through
+    assert all(torch.equal(tensor, before[name]) for name, tensor in taught.state_dict().items())
+    assert len(taught.lessons) == 2
+    time.sleep(0.05)
+    assert learning.learned == learned  # its thread has ended
+
+
+def test_an_error_of_the_learning_thread_is_raised(taught: Imitator):
+    lessons, _ = laps(1, 50)
+    learning = acting.Learning(taught, replace(lessons, fps=10))
+    with pytest.raises(ValueError, match="expected 50 frames per second"), learning.beside():
+        pass
+
+
+def test_a_steady_loop_takes_every_step_when_it_is_due(taught: Imitator):
+    _, watched = laps(1, 20)
+    start = time.perf_counter()
+    times = acting.steady(taught, iter(watched), rate=200)
+    assert time.perf_counter() - start >= 20 / 200
+    assert times.taken.shape == times.since_due.shape == (20,)
+    assert (times.taken > 0).all()
+    assert (times.taken <= times.since_due).all()
+
+
+def test_acting_has_a_row_for_each_loop_alone_and_beside_learning(
+    monkeypatch: pytest.MonkeyPatch, taught: Imitator
+):
+    monkeypatch.setattr(acting, "imitator", lambda _: (taught, laps(1, 50)[1]))
+    monkeypatch.setattr(acting, "LESSONS", 5)
+    (table,) = acting.measure(steps=(20, 40), rate=500)
+    assert [row[0].split(",")[:2] for row in table.rows] == [
+        [loop, f" {beside}"]
+        for loop, beside in [
+            ("steady", "alone"),
+            ("steady", "beside learning"),
+            ("steady", "alone"),
+            ("steady", "beside learning"),
+            ("busy", "alone"),
+            ("busy", "beside learning"),
+        ]
+    ]
+    assert [row[4] for row in table.rows] == ["–", "≤ 5", "–", "–", "–", "≤ 5"]
+    assert all(len(row) == len(table.columns) for row in table.rows)
 
 
 @pytest.mark.parametrize("max_edge_age", [50, 5])
