@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 from benchmarks import machine, page
 from benchmarks.harness import Table
@@ -26,10 +28,20 @@ MODULES = {
     "datasets": "recording and reading datasets, beside LeRobot",
     "fit": "pacnet fit, from the command to the checkpoint",
 }
+WITH_LEROBOT = "datasets"
 
 
-def parse_arguments(arguments: list[str] | None = None) -> list[str]:
-    """The names of the modules to measure."""
+class Arguments(NamedTuple):
+    """What to measure."""
+
+    names: list[str]
+    """Of the modules."""
+    also: str | None
+    """The interpreter with which the module that needs LeRobot is measured once more."""
+
+
+def parse_arguments(arguments: list[str] | None = None) -> Arguments:
+    """What the command line asks for."""
     listed = "\n".join(f"  {name:<14}{does}" for name, does in MODULES.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
@@ -42,19 +54,27 @@ def parse_arguments(arguments: list[str] | None = None) -> list[str]:
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help="measure only these; the page keeps the others"
     )
-    names = parser.parse_args(arguments).names
-    unknown = [name for name in names if name not in MODULES]
+    parser.add_argument(
+        "--also",
+        metavar="PYTHON",
+        help=f"measure {WITH_LEROBOT} with this interpreter too, whose environment has another "
+        "LeRobot",
+    )
+    parsed = parser.parse_args(arguments)
+    unknown = [name for name in parsed.names if name not in MODULES]
     if unknown:
         parser.error(f"expected names out of {', '.join(MODULES)}, got {', '.join(unknown)}")
-    return names or list(MODULES)
+    if parsed.also is not None and shutil.which(parsed.also) is None:
+        parser.error(f"expected an interpreter for --also, got {parsed.also}")
+    return Arguments(parsed.names or list(MODULES), parsed.also)
 
 
-def measure_apart(name: str) -> list[Table] | None:
+def measure_apart(name: str, python: str = sys.executable) -> list[Table] | None:
     """A module's tables, measured in a fresh process; None where it failed, and says why."""
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "tables.json"
         code = f"from benchmarks.harness import hand_over; hand_over({name!r}, {str(result)!r})"
-        command = [sys.executable, "-c", code]
+        command = [python, "-c", code]
         done = subprocess.run(
             command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False
         )
@@ -68,14 +88,17 @@ def measure_apart(name: str) -> list[Table] | None:
     ]
 
 
-def measure_all(names: list[str]) -> dict[str, str]:
-    """Markdown of the tables by module, of those that were done."""
+def measure_all(names: list[str], also: str | None = None) -> dict[str, str]:
+    """Markdown of the tables by module, of those that were done; arguments as of `Arguments`."""
     parts: dict[str, str] = {}
     for count, name in enumerate(names, start=1):
         start = time.perf_counter()
         print(f"[{count}/{len(names)}] {name}: {MODULES[name]} ...", file=sys.stderr, flush=True)
         try:
             tables = measure_apart(name)
+            if tables is not None and also is not None and name == WITH_LEROBOT:
+                others = measure_apart(name, also)
+                tables = None if others is None else tables + others
         except KeyboardInterrupt:
             print("interrupted: the page gets what is done", file=sys.stderr)
             break
@@ -88,8 +111,8 @@ def measure_all(names: list[str]) -> dict[str, str]:
 
 def main() -> int:
     """Measures, prints and writes."""
-    names = parse_arguments()
-    parts = measure_all(names)
+    names, also = parse_arguments()
+    parts = measure_all(names, also)
     if parts:
         page.update(parts, tuple(MODULES), machine.describe())
         print(f"wrote {page.PAGE.relative_to(Path(__file__).parents[1])}", file=sys.stderr)

@@ -1,11 +1,13 @@
 """Recording and reading datasets, beside LeRobot's own writer and reader.
 
-Run it alone with `python -m benchmarks.datasets`.
+Run it alone with `python -m benchmarks.datasets`, in an environment of each LeRobot. For the page,
+`python -m benchmarks datasets --also PYTHON` measures with the LeRobot of a second environment too.
 """
 
 from __future__ import annotations
 
 import itertools
+import platform
 import subprocess
 import sys
 import tempfile
@@ -17,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import NOTHING, Contestant, Table, factor, number, race, run_alone
+from benchmarks.machine import version_of
 from pacnet.datasets.lerobot_files import DatasetError
 from pacnet.demonstrations import load_demonstrations
 from pacnet.recorder import Recorder, recover
@@ -27,6 +30,7 @@ NAMES = tuple(f"joint {number}" for number in range(DIMENSIONS))
 STATE = "observation.state"
 SAMPLED = 500  # frames read by index
 KILLED_AFTER = 20  # episodes
+PACKAGES = ("lerobot", "torch", "pyarrow")  # whose versions the tables name
 WANTED_WRITING, WANTED_READING = 5, 20
 
 WRITING = f"""{EPISODES} episodes of {LENGTH:,} frames of {DIMENSIONS} numbers into a new dataset,
@@ -111,7 +115,7 @@ def measure_writing(folder: Path) -> Table:
         (names[0], number(stock), NOTHING, NOTHING),
         (names[1], number(ours), factor(stock / ours), f"≥ {WANTED_WRITING} ×"),
     ]
-    return Table("Recording a dataset", WRITING, ("who", "s", "faster", "wanted"), rows)
+    return _table("Recording a dataset", WRITING, ("who", "s", "faster", "wanted"), rows)
 
 
 def measure_reading(folder: Path) -> Table:
@@ -135,7 +139,7 @@ def measure_reading(folder: Path) -> Table:
     ]
     rows[0] = (*rows[0][:2], NOTHING, NOTHING)
     rows[-1] = (*rows[-1][:3], f"≥ {WANTED_READING} ×")
-    return Table("Reading a dataset", READING, ("who", "ms", "faster", "wanted"), rows)
+    return _table("Reading a dataset", READING, ("who", "ms", "faster", "wanted"), rows)
 
 
 def measure_killing(folder: Path) -> Table:
@@ -153,7 +157,7 @@ def measure_killing(folder: Path) -> Table:
                 process.stdout.readline()
             process.kill()
         rows.append((name, str(KILLED_AFTER), str(count_episodes(root))))
-    return Table("A recording that is killed", KILLING, ("who", "saved", "read"), rows)
+    return _table("A recording that is killed", KILLING, ("who", "saved", "read"), rows)
 
 
 def count_episodes(root: Path) -> int:
@@ -163,6 +167,13 @@ def count_episodes(root: Path) -> int:
         return len(load_demonstrations(root, action=STATE))
     except DatasetError:
         return 0
+
+
+def _table(title: str, text: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
+    """One that names the versions: those of a second environment stand nowhere else."""
+    versions = [f"{name} {version_of(name)}" for name in PACKAGES]
+    text = f"{text}Measured with {', '.join(versions)} and Python {platform.python_version()}."
+    return Table(f"{title}, LeRobot {version_of('lerobot')}", text, columns, rows)
 
 
 def measure() -> list[Table]:

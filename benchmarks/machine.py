@@ -33,7 +33,7 @@ def describe() -> str:
         "System": _system(),
         "C compiler": _compiler(),
         "Python": platform.python_version(),
-        "Packages": ", ".join(f"{name} {_version(name)}" for name in PACKAGES),
+        "Packages": ", ".join(f"{name} {version_of(name)}" for name in PACKAGES),
     }
     return "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
 
@@ -68,7 +68,8 @@ def _compiler() -> str:
     return (done.stdout.splitlines() or ["unknown"])[0]
 
 
-def _version(package: str) -> str:
+def version_of(package: str) -> str:
+    """Its version, or that it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:

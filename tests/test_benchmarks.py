@@ -2,6 +2,7 @@
 
 import importlib.util
 import socket
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 import torch
 
 from benchmarks import __main__ as command
-from benchmarks import acting, batch, floor, harness, machine, observe, page
+from benchmarks import acting, batch, datasets, floor, harness, machine, observe, page
 from benchmarks.grow_when_required import GrowWhenRequired
 from benchmarks.harness import Table
 from benchmarks.nodes import full_map
@@ -314,11 +315,14 @@ def test_the_machine_is_described_without_its_name_or_paths():
 
 
 def test_the_command_measures_all_or_what_is_named(capsys: pytest.CaptureFixture[str]):
-    assert command.parse_arguments([]) == list(command.MODULES)
-    assert command.parse_arguments(["batch", "step"]) == ["batch", "step"]
-    with pytest.raises(SystemExit):
-        command.parse_arguments(["no_such_table"])
-    assert "got no_such_table" in capsys.readouterr().err
+    assert command.parse_arguments([]) == (list(command.MODULES), None)
+    assert command.parse_arguments(["batch", "step"]) == (["batch", "step"], None)
+    also = command.parse_arguments(["datasets", "--also", sys.executable])
+    assert also == (["datasets"], sys.executable)
+    for refused in (["no_such_table"], ["datasets", "--also", "no_such_python"]):
+        with pytest.raises(SystemExit):
+            command.parse_arguments(refused)
+        assert f"got {refused[-1]}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", command.MODULES)
@@ -338,6 +342,23 @@ def test_an_interruption_keeps_what_is_done_and_a_failure_the_rest(
     parts = command.measure_all(["observe", "nodes", "step", "batch", "memory"])
     assert list(parts) == ["observe", "step"]
     assert "interrupted" in capsys.readouterr().err
+
+
+def test_datasets_are_measured_with_a_second_interpreter_too(monkeypatch: pytest.MonkeyPatch):
+    def measure(name: str, python: str = "own") -> list[Table]:
+        return [Table(f"{name} by {python}", "", ("a", "b"), [])]
+
+    monkeypatch.setattr(command, "measure_apart", measure)
+    parts = command.measure_all(["step", "datasets"], also="other")
+    assert parts["step"].count("## ") == 1
+    assert parts["datasets"].index("datasets by own") < parts["datasets"].index("datasets by other")
+
+
+def test_tables_of_datasets_name_the_versions_that_they_were_measured_with():
+    table = datasets._table("Reading", "How.\n", ("a", "b"), [])
+    lerobot = machine.version_of("lerobot")
+    assert table.title == f"Reading, LeRobot {lerobot}"
+    assert f"lerobot {lerobot}, torch {torch.__version__.split('+')[0]}" in table.text
 
 
 @pytest.mark.slow
