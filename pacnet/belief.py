@@ -13,10 +13,14 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet.validation import check_fields, is_integer, is_number
+
+_MOST_PLACES = 2**16  # parts of an episode: the belief takes memory for each of them
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,10 @@ class RecognitionConfig:
         """Refuses values that have no meaning."""
         width = is_number(self.width) and self.width > 0
         checks = {
-            "places": (is_integer(self.places, 2), "≥ 2"),
+            "places": (
+                is_integer(self.places, 2) and self.places <= _MOST_PLACES,
+                f"to be an integer from 2 to {_MOST_PLACES}",
+            ),
             "width": (width, "> 0 and finite"),
         }
         for name in ("mismatch", "restart", "novel_above"):
@@ -61,13 +68,13 @@ class RecognitionConfig:
 class Timeline(NamedTuple):
     """What the belief is about: E known episodes of P places each."""
 
-    rows: Tensor
+    rows: NDArray[np.int64]
     """The row of the pool whose cue is expected at each place, int64 `[E, P]`."""
-    episode: Tensor
+    episode: NDArray[np.int64]
     """Which of the remembered episodes each is, int64 `[E]`."""
-    advance: Tensor
+    advance: NDArray[np.float64]
     """Chance that one sample takes the episode on by 0, 1, … places, `[E, K]`."""
-    start: Tensor
+    start: NDArray[np.float64]
     """Where episodes begin: the belief before the first sample, `[E, P]`; sums to 1."""
 
 
@@ -94,7 +101,9 @@ def make_timeline(rows: Tensor, episode: Tensor, samples: Tensor, behaviour: Ten
     start = torch.full((episodes, places), 0.5 / places, dtype=torch.float64, device=rows.device)
     start[:, 0] += 0.5
     start *= prior[:, None]
-    return Timeline(rows, episode, advance / advance.sum(dim=1, keepdim=True), start / start.sum())
+    advance /= advance.sum(dim=1, keepdim=True)
+    fields = rows, episode, advance, start / start.sum()
+    return Timeline(*(field.contiguous().numpy(force=True) for field in fields))
 
 
 class Belief:
@@ -105,52 +114,46 @@ class Belief:
         config: see `RecognitionConfig`.
 
     Attributes:
-        probability: of every place of every known episode, `[E, P]`.
+        probability: of every place of every known episode, float64 `[E, P]`.
         has_begun: whether a percept was taken in.
     """
 
     def __init__(self, timeline: Timeline, config: RecognitionConfig) -> None:
-        self.timeline = timeline
-        self.config = config
+        self.timeline, self.config = timeline, config
         self.probability = timeline.start
         self.has_begun = False
-        self._ahead: Tensor | None = None
-        self._restart = config.restart * timeline.start
-        self._chances = timeline.advance.flip(1)[:, None].contiguous()  # [E, 1, K]
+        self._ahead: NDArray[np.float64] | None = None
 
-    def ahead(self) -> Tensor:
+    def ahead(self) -> NDArray[np.float64]:
         """The belief one sample on, before anything new is seen, `[E, P]`."""
         if self._ahead is None:
-            self._ahead = self._move_on()
+            from pacnet import recall_kernels  # which brings numba
+
+            self._ahead = np.empty_like(self.probability)
+            recall_kernels.move_on(self.probability, self.timeline.advance, self._ahead)
         return self._ahead
 
-    def update(self, distances: Tensor) -> None:
+    def update(self, distances: NDArray[np.floating]) -> None:
         """Takes in one percept.
 
         Args:
             distances: of the percept from the cue of every row of the pool, `[R]`.
-        """
-        expected = self.timeline.start
-        if self.has_begun:
-            expected = self._restart + (1 - self.config.restart) * self.ahead()
-        apart = distances.take(self.timeline.rows).double()  # [E, P]; not of all R rows
-        fit = apart.div_(self.config.width).square_().div_(-2).exp_()
-        weighed = fit.add_(self.config.mismatch).mul_(expected)
-        self._begin(weighed.div_(weighed.sum()))
 
-    def _begin(self, probability: Tensor) -> None:
-        """Or goes on: what is believed `[E, P]` now that a percept was taken in."""
+        Raises:
+            ValueError: fewer than there are rows on the timeline.
+        """
+        from pacnet import recall_kernels  # which brings numba
+
+        start, restart = self.timeline.start, self.config.restart if self.has_begun else 0.0
+        probability = np.empty_like(start)
+        fits = recall_kernels.weigh(
+            self.ahead() if self.has_begun else start, start, restart, self.timeline.rows,
+            distances, self.config.width, self.config.mismatch, probability,
+        )  # fmt: skip
+        if not fits:
+            raise ValueError(f"expected a distance for each row expected, got {len(distances)}")
         self.probability, self.has_begun, self._ahead = probability, True, None
 
-    def _move_on(self) -> Tensor:
-        places, steps = self.probability.shape[1], self._chances.shape[2] - 1
-        beyond = torch.nn.functional.pad(self.probability, (steps, steps))
-        # Every place's share of those up to `steps` before it: a convolution in each episode.
-        before = beyond.unfold(1, places + steps, 1).contiguous()  # [E, K, P + steps]
-        ahead = torch.bmm(self._chances, before)[:, 0]
-        ahead[:, places - 1] = ahead[:, places - 1 :].sum(dim=1)  # at its end an episode stays
-        return ahead[:, :places] / ahead[:, :places].sum()
-
-    def of_episodes(self) -> Tensor:
+    def of_episodes(self) -> NDArray[np.float64]:
         """The probability of each known episode, `[E]`."""
-        return self.probability.sum(dim=1)
+        return self.probability.sum(axis=1)

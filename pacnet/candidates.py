@@ -2,79 +2,215 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+import functools
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar, Self
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
+from pacnet.drafts import Lock
 from pacnet.forward_model import Command, Selection
+from pacnet.integrity import part_of
+from pacnet.model_checkpoint import (
+    check_finite,
+    check_names,
+    check_tensors,
+    read_model,
+    rebuild_config,
+    save_model,
+)
 from pacnet.validation import batch_of_one, check_fields, check_rows, is_integer, is_number
 
 
-class Outcomes(NamedTuple):
-    """Where each of K candidate actions leads from each of B states, as far as a model knows."""
+class CandidateModel(nn.Module):
+    """Chooses among candidate actions by where each is predicted to lead.
 
-    states: Tensor
-    """Predicted states, `[B, K, S]`."""
-    known: Tensor
-    """Whether the model can predict this candidate here, bool `[B, K]`; what it cannot is NaN."""
+    A model of this kind says where that is (`outcomes`), how it is made again from its config, and
+    which values its tensors cannot have.
 
+    Args:
+        config: its settings.
+    """
 
-class CandidateConfig(Protocol):
-    """The settings that every model with candidates has."""
+    config_type: ClassVar[type]
+    float_tensor: ClassVar[str]  # name of the tensor whose dtype is the model's
 
-    @property
-    def state_dimensions(self) -> int:
-        """Length S of a state and of a target."""
-        ...
+    config: Any
+    candidates: Tensor  # [K, U]
+
+    def __init__(self, config: Any) -> None:
+        super().__init__()
+        self.config = config
+        self.register_buffer("candidates", torch.tensor(config.candidates), persistent=False)
+        self._lock = Lock()  # held by who reads what was learned, and by who replaces it
+        self.register_load_state_dict_pre_hook(_check_loaded)
 
     @property
     def action_dimensions(self) -> int:
         """Length U of an action."""
-        ...
+        return self.config.action_dimensions
 
-    @property
-    def candidates(self) -> tuple[tuple[float, ...], ...]:
-        """K actions to choose from."""
-        ...
+    def check_loaded(self, tensors: Mapping[str, Any]) -> None:
+        """Checks what is to be loaded of its `state_dict`, before anything is copied.
 
-    @property
-    def steps(self) -> int:
-        """Number of time steps for which an action is held."""
-        ...
+        Raises:
+            ValueError: a tensor of another shape or kind, not finite, or that means nothing.
+        """
+        own = self.state_dict()
+        given = {name: tensors[name] for name in own if name in tensors}
+        for name, tensor in given.items():
+            wanted = own[name]
+            fits = isinstance(tensor, Tensor) and tensor.shape == wanted.shape
+            floats = fits and tensor.is_floating_point() and wanted.is_floating_point()
+            if not fits or not (floats or tensor.dtype == wanted.dtype):
+                got = (
+                    f"{tensor.dtype} {list(tensor.shape)}" if isinstance(tensor, Tensor) else tensor
+                )
+                raise ValueError(
+                    f"expected {name} of {type(self).__name__} as {wanted.dtype} "
+                    f"{list(wanted.shape)}, got {got}"
+                )
+        check_finite(given)
+        self.check_learned(own | given)
 
-    @property
-    def abstain_below(self) -> float:
-        """Spread of the predicted states under which no action is given."""
-        ...
+    @abstractmethod
+    def outcomes(self, states: Tensor, candidates: Tensor) -> Tensor:
+        """Where each candidate `[K, U]` leads from each state `[B, S]`, both checked already.
+
+        Returns:
+            Predicted states, `[B, K, S]`; NaN where the model cannot predict.
+        """
+
+    @abstractmethod
+    def check_learned(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raises a ValueError if tensors of a `state_dict`, of the right form, mean nothing."""
+
+    @torch.no_grad()
+    def select(self, state: Tensor, target: Tensor, candidates: Tensor | None = None) -> Selection:
+        """Chooses the candidate whose predicted state is nearest (Euclidean) to the target.
+
+        Of exactly equal ones the first; what cannot be predicted costs infinity. It abstains where
+        the spread of the predicted states is under `config.abstain_below`, or fewer than two are
+        known.
+
+        Args:
+            state: `[S]`.
+            target: `[S]`.
+            candidates: `[K, U]`; the config's if left out.
+
+        Raises:
+            ValueError: a tensor of the wrong shape, dtype or device, or not finite.
+        """
+        offered = self.candidates if candidates is None else candidates
+        states, targets = batch_of_one(state), batch_of_one(target)
+        self._check_choice(states, offered, target=targets)
+        ((best, costs, spread, abstained),) = self._choose(states, targets, offered)
+        index, costs = max(best, 0), torch.from_numpy(costs).to(targets)
+        return Selection(offered[index].clone(), index, costs, spread, abstained)
+
+    @torch.no_grad()
+    def command(self, states: Tensor, targets: Tensor) -> Command:
+        """`select` among the config's candidates for each state `[B, S]` and target `[B, S]`.
+
+        Raises:
+            ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite;
+                unequal numbers of rows.
+        """
+        self._check_choice(states, self.candidates, targets=targets)
+        check_equally_many(states=states, targets=targets)
+        best, _, _, abstained = zip(*self._choose(states, targets, self.candidates), strict=True)
+        given = ~torch.tensor(abstained, device=targets.device)
+        chosen = self.candidates[torch.tensor(best, device=targets.device).clamp(min=0)]
+        return Command(chosen.where(given[:, None], torch.nan), given)
+
+    def _check_choice(self, states: Tensor, candidates: Tensor, **targets: Tensor) -> None:
+        columns = self.config.state_dimensions
+        for name, rows in (*targets.items(), ("states", states)):
+            check_rows(name, rows, columns, self.candidates)
+        check_rows("candidates", candidates, self.config.action_dimensions, self.candidates)
+
+    def _choose(self, states: Tensor, targets: Tensor, candidates: Tensor) -> list[Any]:
+        """What `pacnet.candidate_kernels.choose` says in each state."""
+        with self._lock:
+            after = self.outcomes(states, candidates)
+        # Contiguous, for a kernel is compiled anew for every other layout.
+        plain = (rows.double().contiguous().numpy(force=True) for rows in (after, targets))
+        threshold = float(self.config.abstain_below)
+        return [kernels().choose(*pair, threshold) for pair in zip(*plain, strict=True)]
+
+    def reset(self) -> None:
+        """Does nothing: no episode leaves a trace."""
+
+    def load_state_dict(
+        self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
+    ) -> Any:
+        """Loads all of it or, where anything is wrong with it, nothing; as `nn.Module` otherwise.
+
+        Raises:
+            ValueError: a missing or extra tensor if `strict`; a misshapen one, of another dtype,
+                not finite, or that means nothing.
+        """
+        if strict:
+            check_names(type(self).__name__, self.state_dict(), state_dict)
+        with self._lock:
+            return super().load_state_dict(state_dict, strict, assign)
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
+
+        Args:
+            folder: made if it is missing; a checkpoint in it is replaced, other files stay.
+
+        Raises:
+            ValueError: a tensor is not finite; nothing has been written.
+        """
+        save_model(self, asdict(self.config), folder)
+
+    @classmethod
+    def check_sizes(cls, config: Any, tensors: Mapping[str, Tensor]) -> None:
+        """Compares what a config declares with the tensors, before memory is taken for it.
+
+        Raises:
+            ValueError: they do not fit.
+        """
+        try:
+            with torch.device("meta"):  # where nothing takes memory, however large
+                sizes = cls(config)
+        except (RuntimeError, TypeError) as error:  # a size that no integer of 64 bits holds
+            raise ValueError("expected sizes that fit into memory") from error
+        check_tensors(sizes, dict(tensors), like=cls.float_tensor)
+
+    @classmethod
+    def from_pretrained(cls, folder: str | Path) -> Self:
+        """Loads what `save_pretrained` wrote, on the CPU.
+
+        Raises:
+            FileNotFoundError: no checkpoint there.
+            ValueError: a damaged file, an unknown version, the checkpoint of something else, a
+                config that does not fit the tensors, or tensors that `load_state_dict` refuses.
+        """
+        fields, tensors = read_model(folder, cls.__name__)
+        config = rebuild_config(cls.config_type, fields)
+        cls.check_sizes(config, tensors)
+        model = cls(config).to(tensors[cls.float_tensor].dtype)
+        model.load_state_dict(tensors)
+        return model
 
 
-class CandidateModel(Protocol):
-    """What a model must offer so that `select` and `command` can choose with it."""
+@functools.cache
+def kernels() -> ModuleType:
+    """The compiled kernels, imported where they first run, for they bring numba."""
+    from pacnet import candidate_kernels
 
-    @property
-    def config(self) -> CandidateConfig:
-        """Its settings."""
-        ...
-
-    @property
-    def candidates(self) -> Tensor:
-        """The config's candidates as a tensor, `[K, U]`."""
-        ...
-
-    def outcomes(self, states: Tensor, candidates: Tensor) -> Outcomes:
-        """Where the candidates `[K, U]` lead from the states `[B, S]`, both checked there."""
-        ...
+    return candidate_kernels
 
 
-class _Choice(NamedTuple):
-    costs: Tensor  # [B, K]
-    best: Tensor  # int64 [B]
-    spread: Tensor  # [B]
-    abstained: Tensor  # bool [B]
-
-
-def check_candidate_config(config: CandidateConfig) -> None:
+def check_candidate_config(config: Any) -> None:
     """Turns the candidates into tuples (JSON reads lists) and checks the fields all models share.
 
     Raises:
@@ -100,43 +236,6 @@ def check_candidate_config(config: CandidateConfig) -> None:
     object.__setattr__(config, "candidates", rows)
 
 
-@torch.no_grad()
-def select(
-    model: CandidateModel, state: Tensor, target: Tensor, candidates: Tensor | None
-) -> Selection:
-    """Chooses in one state `[S]`; see the models' own methods of this name.
-
-    Raises:
-        ValueError: a tensor of the wrong shape, dtype or device, or not finite.
-    """
-    offered = model.candidates if candidates is None else candidates
-    target = check_rows(
-        "target", batch_of_one(target), model.config.state_dimensions, model.candidates
-    )
-    choice = _choose(
-        model.outcomes(batch_of_one(state), offered), target, model.config.abstain_below
-    )
-    index = int(choice.best)
-    return Selection(
-        offered[index].clone(), index, choice.costs[0], float(choice.spread), bool(choice.abstained)
-    )
-
-
-@torch.no_grad()
-def command(model: CandidateModel, states: Tensor, targets: Tensor) -> Command:
-    """Chooses among the config's candidates in each state `[B, S]`; NaN rows where it abstains.
-
-    Raises:
-        ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite.
-    """
-    check_rows("targets", targets, model.config.state_dimensions, model.candidates)
-    outcomes = model.outcomes(states, model.candidates)
-    check_equally_many(states=states, targets=targets)
-    choice = _choose(outcomes, targets, model.config.abstain_below)
-    given = ~choice.abstained
-    return Command(model.candidates[choice.best].where(given[:, None], torch.nan), given)
-
-
 def check_equally_many(**rows: Tensor) -> None:
     """Raises a ValueError unless the named tensors have equally many rows."""
     counts = {name: len(value) for name, value in rows.items()}
@@ -144,22 +243,9 @@ def check_equally_many(**rows: Tensor) -> None:
         raise ValueError(f"expected equally many rows, got {counts}")
 
 
-def _choose(outcomes: Outcomes, targets: Tensor, abstain_below: float) -> _Choice:
-    """The known candidate nearest to the target, of exactly equal ones the first.
-
-    It abstains where the known candidates are fewer than two (or than all, of a single one), or
-    their spread is under the threshold.
-    """
-    known = outcomes.known  # [B, K]
-    distance = torch.linalg.vector_norm(outcomes.states - targets[:, None], dim=2)  # [B, K]
-    costs = distance.where(known, torch.inf)
-    number = known.sum(dim=1)  # [B]
-    divisor = number.clamp(min=1)[:, None]  # [B, 1]
-    mean = outcomes.states.where(known[:, :, None], 0).sum(dim=1) / divisor  # [B, S]
-    apart = (outcomes.states - mean[:, None]).square().sum(dim=2).where(known, 0)  # [B, K]
-    spread = (apart.sum(dim=1) / divisor[:, 0]).sqrt()  # [B]
-    too_few = number < min(2, known.shape[1])
-    return _Choice(costs, costs.argmin(dim=1), spread, too_few | (spread < abstain_below))
+def _check_loaded(model: nn.Module, state_dict: dict[str, Any], prefix: str, *_: object) -> None:
+    assert isinstance(model, CandidateModel)
+    model.check_loaded(part_of(state_dict, prefix))
 
 
 def _are_actions(rows: object, columns: int) -> bool:

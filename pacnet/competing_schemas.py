@@ -8,7 +8,7 @@ schemas it passed through, one after the other; a schema that several episodes s
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import torch
@@ -19,21 +19,30 @@ from pacnet.belief import Timeline
 from pacnet.competing_recall import CompetingRecall
 from pacnet.competing_schemas_config import CompetingSchemasConfig
 from pacnet.competition import Competition, CompetitionConfig
-from pacnet.engine import Engine, check_engine, runs_compiled
+from pacnet.drafts import adopt, draft_of, frozen
 from pacnet.explanation import Origin, Rival, origins_of
+from pacnet.integrity import (
+    OPEN,
+    check_forms,
+    check_holds,
+    check_on_load,
+    episodes_hold,
+    sequences_hold,
+    within,
+)
 from pacnet.passes import take_in
 from pacnet.retraining import settle
-from pacnet.rows import Column, GrowableRows
-from pacnet.sequences import (
-    NUMBER,
-    RecalledRow,
-    RecalledTarget,
-    Samples,
-    Sequences,
-    close_gaps,
-)
+from pacnet.rows import Column, GrowableRows, check_storage, hand_out_copies
+from pacnet.sequences import NUMBER, RecalledRow, Samples, Sequences, array_of_rows, close_gaps
 from pacnet.timeline import lay_out
-from pacnet.validation import check_rows
+from pacnet.validation import (
+    batch_of_one,
+    check_distant,
+    check_number,
+    check_numbers,
+    is_integer,
+    is_number,
+)
 
 
 class CompetingSchemas(Sequences):
@@ -57,15 +66,11 @@ class CompetingSchemas(Sequences):
 
     Args:
         config: see `CompetingSchemasConfig`.
-        engine: as of `HabituatingSOFM`; what is compiled is recall.
-
-    Raises:
-        ValueError: no such engine. With `compiled`, recall raises it where it cannot run.
     """
 
     nodes: Tensor
 
-    def __init__(self, config: CompetingSchemasConfig, engine: Engine = "auto") -> None:
+    def __init__(self, config: CompetingSchemasConfig) -> None:
         cue = Column((config.percept_dimensions,), torch.float32)
         number = Column((), torch.float32)
         super().__init__(
@@ -81,9 +86,7 @@ class CompetingSchemas(Sequences):
             },
             of_row={"frame": NUMBER},  # sample of its episode
         )
-        check_engine(engine)
         self.config = config
-        self.engine: Engine = engine
         self.episodes = GrowableRows(
             {"number": NUMBER, "behaviour": NUMBER, "samples": NUMBER, "last_cue": cue}
         )
@@ -94,11 +97,13 @@ class CompetingSchemas(Sequences):
         self.behaviours: list[str] = []  # names, in the order in which they were first shown
         self.register_buffer("nodes", torch.tensor(0))
         self.register_load_state_dict_post_hook(_start_afresh)
+        hand_out_copies(self)
+        check_on_load(self)
         self._changed()
 
     def __len__(self) -> int:
         """The number of nodes."""
-        return int(self.nodes)
+        return int(check_storage("nodes", self.nodes))
 
     def get_extra_state(self) -> Tensor:
         """The behaviours' names, as the bytes of a JSON list, uint8."""
@@ -111,11 +116,13 @@ class CompetingSchemas(Sequences):
         Raises:
             ValueError: it is no list of different names.
         """
-        names = json.loads(bytes(state.tolist()))
-        strings = isinstance(names, list) and all(isinstance(name, str) for name in names)
-        if not strings or len(set(names)) < len(names):
-            raise ValueError(f"expected a list of different names of behaviours, got {names}")
-        self.behaviours = names
+        self.behaviours = _names(state)
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raises a ValueError unless these tensors, of a `state_dict`, are the state of schemas."""
+        check_forms(self, tensors)
+        check_holds({"a number of nodes ≥ 0": tensors["nodes"] >= 0, **sequences_hold(tensors)})
+        check_holds(episodes_hold(len(_names(tensors["_extra_state"])), tensors))
 
     def reset(self) -> None:
         """Starts a recall episode: what was seen in the last one is forgotten."""
@@ -133,7 +140,12 @@ class CompetingSchemas(Sequences):
         return self
 
     def schemas_of(self, node: int) -> Tensor:
-        """Numbers of the node's schemas, int64 `[K]`."""
+        """Numbers of the node's schemas, int64 `[K]`.
+
+        Raises:
+            ValueError: no such node.
+        """
+        node = check_number("a node", node, len(self))
         return (self.blocks.live("node") == node).nonzero().flatten()
 
     def add_node(self) -> int:
@@ -142,7 +154,13 @@ class CompetingSchemas(Sequences):
         return len(self) - 1
 
     def delete(self, nodes: Tensor) -> None:
-        """Deletes nodes, int64 `[K]`, with their schemas; the later ones move down."""
+        """Deletes nodes, int64 `[K]` ascending, with their schemas; the later ones move down.
+
+        Raises:
+            ValueError: not ascending, or no such nodes.
+        """
+        check_numbers("nodes", nodes, len(self))
+        self.check()
         of_node = self.blocks.live("node")
         self.drop(torch.isin(of_node, nodes).nonzero().flatten())
         of_node = self.blocks.live("node")
@@ -150,19 +168,42 @@ class CompetingSchemas(Sequences):
         self.nodes -= len(nodes)
         self._changed()
 
+    def share_recall(self, other: CompetingSchemas) -> None:
+        """Begins a recall episode, which is also that of another one with the same tensors."""
+        self._recall = other._recall = other.new_recall()
+        self._timeline = other._timeline
+
     @torch.no_grad()
     def begin(self, number: int, behaviour: str) -> None:
         """Begins a learning episode; the last one's schemas are compared with the kept ones.
 
         Args:
-            number: of the episode; if it is the last one's, that one goes on.
+            number: of the episode, ≥ 0; if it is the last one's, that one goes on.
             behaviour: what is shown, in words.
+
+        Raises:
+            ValueError: a number that is no int or before the last one's, or a behaviour that is no
+                str, or another one than that of the episode that goes on; nothing has changed.
         """
-        if not self.training or self._goes_on(number, behaviour):
+        last = int(self.episodes.live("number")[-1]) if len(self.episodes) else 0
+        if not is_integer(number, last) or number >= 2**63:
+            raise ValueError(f"expected an episode's number as an int ≥ {last}, got {number!r}")
+        if not isinstance(behaviour, str):
+            raise ValueError(f"expected behaviour as a str, got {type(behaviour).__name__}")
+        if not self.training:
+            return
+        draft = draft_of(self)
+        draft.check()
+        draft.begin_checked(number, behaviour)
+        adopt(self, draft)
+
+    def begin_checked(self, number: int, behaviour: str) -> None:
+        """`begin` of what is checked, in place."""
+        if self._goes_on(number, behaviour):
             return
         settle(self)
         if behaviour not in self.behaviours:
-            self.behaviours.append(behaviour)
+            self.behaviours = [*self.behaviours, behaviour]
         kind = self.behaviours.index(behaviour)
         row = {"number": number, "behaviour": kind, "samples": 0, "last_cue": 0.0}
         self.episodes.append(row)
@@ -202,11 +243,11 @@ class CompetingSchemas(Sequences):
         """
         if not self.training:
             return
-        self._check(node, target, cue, activation)
+        node = self._check(node, target, cue, activation)
         sample = Samples(
             node=torch.tensor([node], device=cue.device),
             activation=cue.new_tensor([activation]),
-            habituated=torch.tensor([habituated], device=cue.device),
+            habituated=torch.tensor([bool(habituated)], device=cue.device),
             target=target[None],
             cue=cue[None],
         )
@@ -222,18 +263,55 @@ class CompetingSchemas(Sequences):
         self._changed()
         take_in(self, samples)
 
-    def _check(self, node: int, target: Tensor, cue: Tensor, activation: float) -> None:
+    def _check(self, node: int, target: Tensor, cue: Tensor, activation: float) -> int:
         if len(self.episodes) == 0:
             raise ValueError("expected begin before write, no episode was begun")
-        if not 0 <= node < len(self):
-            raise ValueError(f"expected a node from 0 to {len(self) - 1}, got {node}")
-        if not 0 <= activation <= 1:
-            raise ValueError(f"expected an activation from 0 to 1, got {activation}")
-        check_rows("targets", target[None], self.config.target_dimensions, self.pool.live("target"))
-        check_rows("cues", cue[None], self.config.percept_dimensions, self.pool.live("cue"))
+        node = check_number("a node", node, len(self))
+        if not (is_number(activation) and 0 <= activation <= 1):
+            raise ValueError(f"expected an activation from 0 to 1, got {activation!r}")
+        self.check_pair(batch_of_one(target), batch_of_one(cue))
+        self.check()
+        return node
+
+    def check(self) -> None:
+        """Checks what a user may have done to the buffers, before anything relies on them.
+
+        Raises:
+            ValueError: as `Sequences.check`, or rows that speak of others which are not there.
+        """
+        super().check()
+        blocks, episodes, passes = self.blocks.live, self.episodes.live, self.passes.live
+        if self.nodes.shape != () or self.nodes.dtype != torch.int64:
+            raise ValueError(f"expected a number of nodes, got {self.nodes}")
+        count, told = len(self.episodes), passes("episode")
+        numbers = {
+            "schemas of nodes that exist": within(blocks("node"), len(self)),
+            "sequences of episodes that exist": within(blocks("shown_in"), count),
+            "behaviours that have a name": within(episodes("behaviour"), len(self.behaviours)),
+            "passes of episodes that exist": within(told, count),
+            "passes through schemas that exist": within(passes("schema"), len(self.blocks)),
+        }
+        check_holds(numbers)
+        first, last, support = passes("first"), passes("last"), blocks("support")
+        ended = episodes("samples")[told]
+        check_holds(
+            {
+                "passes within their episodes": within(last, ended) & (first <= last).all(),
+                "passes that begin in their episodes": (first >= 0).all(),
+                "schemas of at least one target": (self.lengths > 0).all(),
+                "a typical length and support ≥ 0 of what is compared": (
+                    (support == OPEN) | ((support > 0) & (blocks("typical_length") > 0))
+                ).all(),
+            }
+        )
 
     def drop(self, schemas: Tensor) -> None:
-        """Deletes schemas, int64 `[K]` ascending, and the passes through them."""
+        """Deletes schemas, int64 `[K]` ascending, and the passes through them.
+
+        Raises:
+            ValueError: not ascending, or no such schemas.
+        """
+        check_numbers("schemas", schemas, len(self.blocks))
         through = self.passes.live("schema")
         self.passes.delete(torch.isin(through, schemas).nonzero().flatten())
         self.blocks.delete(schemas)
@@ -243,45 +321,33 @@ class CompetingSchemas(Sequences):
     def timeline(self) -> Timeline | None:
         """What is expected when, in each of the known episodes; None if there is none."""
         if self._timeline is None and len(self.passes) > 0:
+            self.check()
             close_gaps(self)  # else saving would, and the timeline's rows would be others
             self._timeline = lay_out(self, self.config.recognition.places)
         return self._timeline
 
     def new_recall(self) -> CompetingRecall | None:
-        """A recall episode beside the one of `recall`; None if there are no schemas.
-
-        Raises:
-            ValueError: `engine="compiled"`, and it cannot run.
-        """
+        """A recall episode beside the one of `recall`; None if there are no schemas."""
         timeline = self.timeline()
         if timeline is None:
             return None
-        if not runs_compiled(self.engine, self.pool.get_buffer("cue")):
-            return CompetingRecall(self, timeline)
-        from pacnet.compiled_recall import CompiledRecall
+        known = frozen(self)
+        known._recall = None  # else it would keep the last one, and that the one before
+        return CompetingRecall(known, timeline)
 
-        return CompiledRecall(self, timeline)
+    @property
+    def recall_in_progress(self) -> CompetingRecall | None:
+        """The recall episode; None if there is none."""
+        return self._recall
 
-    @torch.no_grad()
-    def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
+    def recall_checked(self, node: int, percept: NDArray[np.floating]) -> RecalledRow | None:
         """The current target of the winner's most confident schema.
 
         Called at each sample of a recall episode, in order of time; `reset` starts a new one.
-
-        Args:
-            node: the winner, or `NOBODY`.
-            percept: `[D]`, scaled.
-
-        Returns:
-            The target, with its place in its schema; None if there is none.
         """
-        recall = self._recall_in_progress()
-        return None if recall is None else recall.recall(node, percept)
-
-    def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
-        """`recall` for a scaled percept `[D]` that is no tensor."""
-        recall = self._recall_in_progress()
-        return None if recall is None else recall.recall_row(node, percept)
+        if self._recall is None:
+            self._recall = self.new_recall()
+        return None if self._recall is None else self._recall.recall(node, percept)
 
     @torch.no_grad()
     def rivals(self, node: int, percept: Tensor) -> list[Rival]:
@@ -300,7 +366,9 @@ class CompetingSchemas(Sequences):
         """
         if self._recall is None or not self._recall.belief.has_begun:
             raise ValueError("expected a percept that was recalled, got none since reset")
-        return self._recall.rivals(node, percept)
+        node = self._check_winner(node)
+        check_distant("percept", batch_of_one(percept), *self._like_a_cue())
+        return self._recall.rivals(node, array_of_rows(percept))
 
     def origins(self, schema: int, position: int) -> list[Origin]:
         """The moments of demonstrations that a recalled target stands for.
@@ -322,10 +390,16 @@ class CompetingSchemas(Sequences):
         """The samples of their episode at which a schema's targets were shown, int64 `[L]`."""
         return self._rows("frame", schema)
 
-    def _recall_in_progress(self) -> CompetingRecall | None:
-        if self._recall is None:
-            self._recall = self.new_recall()
-        return self._recall
+
+def _names(state: Tensor) -> list[str]:
+    try:
+        names = json.loads(bytes(state.tolist()))
+    except (RecursionError, ValueError) as error:
+        raise ValueError(f"expected names of behaviours as JSON, got {error}") from error
+    strings = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if not strings or len(set(names)) < len(names):
+        raise ValueError(f"expected a list of different names of behaviours, got {names}")
+    return names
 
 
 def _start_afresh(schemas: nn.Module, _incompatible_keys: object) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from pacnet.belief import RecognitionConfig
 from pacnet.competition import CompetitionConfig
-from pacnet.validation import check_fields, is_integer, is_number
+from pacnet.validation import LONGEST, check_fields, is_integer, is_number
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,11 @@ class CompetingSchemasConfig:
         checks = {name: (is_integer(getattr(self, name), 1), "≥ 1") for name in integers}
         alike, worse = self.alike_above, self.worse_by
         checks["alike_above"] = (is_number(alike) and 0 < alike < 1, "in (0, 1)")
-        checks["continuation"] = (is_integer(self.continuation, 1), "≥ 1 samples")
+        after = self.continuation
+        checks["continuation"] = (
+            is_integer(after, 1) and after <= LONGEST,
+            f"from 1 to {LONGEST} samples",
+        )
         checks["worse_by"] = (is_number(worse) and 0 <= worse < 1, "in [0, 1)")
         wanted = "to be a RecognitionConfig"
         checks["recognition"] = (isinstance(self.recognition, RecognitionConfig), wanted)

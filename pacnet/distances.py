@@ -1,118 +1,99 @@
-"""For kernels: squared Euclidean distances of a percept from rows that lie one after the other.
+"""For kernels: squared Euclidean distances of a percept from rows.
 
-Eight rows are compared at once. Each row is summed in the same order wherever it lies, so that a
-distance depends on nothing but the two points.
+Everything that compares a percept with prototypes or cues calls `squared_distances`, so that a
+distance depends on nothing but the two points: not on where the row lies, how many there are, or
+how many percepts are read at once.
 
-Numba keeps compiled kernels as long as their own file is unchanged: after a change of this file, of
-`pacnet.lanes` or of `pacnet.pointers`, `make clean` has them compiled anew.
+Numba keeps a compiled kernel as long as its own file is unchanged: after a change of this file,
+`make clean` has those of other files compiled anew.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from pacnet.lanes import (
-    add_product,
-    any_up_to,
-    difference,
-    first_ones,
-    load,
-    sums,
-    total,
-    zeros,
-)
+from pacnet.engine import announce_compilation
 
-ROWS = 8  # compared at once
-_FEW, _MANY = 8, 16  # dimensions taken at once, by whether there are more than a few
-ROOM = _MANY  # numbers behind the percept and behind the rows that may be read, and count nothing
+announce_compilation()
+
+_TOGETHER = 512  # rows whose sums stay in the nearest cache
+_FAR = np.float32(np.finfo(np.float32).max)  # more than any squared distance
+
+
+# It keeps the interpreter: to get it back from a thread that learns would take longer.
+@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+def squared_distances(percepts, number, columns, first, count, out):
+    """Writes the squared distances of one of several percepts from some of several rows.
+
+    Each dimension is taken for all of them at once, four dimensions in one go, so that they are
+    added side by side in vector registers, always in the same order. A product is rounded together
+    with its sum, where the processor can.
+
+    Args:
+        percepts: finite, `[B, D]`.
+        number: of the percept among them.
+        columns: the rows' dimensions, finite, of the same dtype, `[D, N]`.
+        first: the first of the rows.
+        count: how many rows, ≤ N − first.
+        out: where to write, `[count]` or longer.
+
+    Returns:
+        The nearest and the second nearest of them, counted from the first; of equally near ones the
+        first; −1 where there is none.
+    """
+    dimensions, whole = len(columns), len(columns) // 4 * 4
+    for begin in range(0, count, _TOGETHER):
+        size = min(_TOGETHER, count - begin)
+        at, squared = first + begin, out[begin : begin + size]
+        for row in range(size):
+            squared[row] = 0
+        for k in range(0, whole, 4):
+            xa, xb, xc, xd = (
+                percepts[number, k], percepts[number, k + 1], percepts[number, k + 2],
+                percepts[number, k + 3],
+            )  # fmt: skip
+            a, b = columns[k, at : at + size], columns[k + 1, at : at + size]
+            c, d = columns[k + 2, at : at + size], columns[k + 3, at : at + size]
+            for row in range(size):
+                aa, bb, cc, dd = a[row] - xa, b[row] - xb, c[row] - xc, d[row] - xd
+                squared[row] = (((squared[row] + aa * aa) + bb * bb) + cc * cc) + dd * dd
+        for k in range(whole, dimensions):
+            xa, a = percepts[number, k], columns[k, at : at + size]
+            for row in range(size):
+                squared[row] += (a[row] - xa) * (a[row] - xa)
+    return _two_least(out, count)
 
 
 @njit
-def in_whole_vectors(dimensions):
-    """Room that a percept needs."""
-    return (dimensions + ROOM - 1) // ROOM * ROOM
+def _two_least(values, count):
+    least = second = _FAR
+    winner = runner_up = -1
+    for place in range(count):
+        value = values[place]
+        if value < second:
+            if value < least:
+                least, second, winner, runner_up = value, least, place, winner
+            else:
+                second, runner_up = value, place
+    return winner, runner_up
 
 
-@njit(forceinline=True)
-def squared_distances(percept, rows, at, dimensions, limit):
-    """Of a percept `[D]` from the eight rows `[D]` at `at`, side by side; all are pointers.
+def distances_of(percept: NDArray[np.floating], rows: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Distances `[N]` of a finite percept `[D]` from rows `[N, D]`, both of one dtype.
 
-    If none of them is up to a limit, it may be a part of each sum that is beyond it already.
+    Rows whose dimensions lie apart (`np.asfortranarray`) are not copied.
+
+    Raises:
+        ValueError: a percept of another width or dtype than the rows.
     """
-    if dimensions > _FEW:
-        return _from_eight_of_many(percept, rows, at, dimensions, limit)
-    return _from_eight_of_few(percept, rows, at, dimensions, limit)
-
-
-@njit(forceinline=True)
-def squared_distance(percept, rows, at, dimensions):
-    """Of a percept `[D]` from the row at `at`."""
-    if dimensions > _FEW:
-        return _from_one_of_many(percept, rows, at, dimensions)
-    return _from_one_of_few(percept, rows, at, dimensions)
-
-
-def _make(lanes):  # noqa: C901 - four functions, each of them simple
-    """The two functions for so many dimensions at once.
-
-    Args:
-        lanes: dimensions taken at once.
-    """
-
-    @njit(forceinline=True)
-    def from_eight(percept, rows, at, length, limit):
-        a, b, c, d = zeros(lanes), zeros(lanes), zeros(lanes), zeros(lanes)
-        e, f, g, h = zeros(lanes), zeros(lanes), zeros(lanes), zeros(lanes)
-        whole = length // lanes * lanes
-        for k in range(0, whole, lanes):
-            x, here = load(percept, k, lanes), at + k
-            a = add_square(a, rows, here, x)
-            b = add_square(b, rows, here + length, x)
-            c = add_square(c, rows, here + 2 * length, x)
-            d = add_square(d, rows, here + 3 * length, x)
-            e = add_square(e, rows, here + 4 * length, x)
-            f = add_square(f, rows, here + 5 * length, x)
-            g = add_square(g, rows, here + 6 * length, x)
-            h = add_square(h, rows, here + 7 * length, x)
-            if k == 0 and lanes < length and limit < np.inf:
-                so_far = sums(a, b, c, d, e, f, g, h)
-                if not any_up_to(so_far, limit):
-                    return so_far
-        if whole < length:
-            x, here, rest = load(percept, whole, lanes), at + whole, length - whole
-            a = add_last_square(a, rows, here, x, rest)
-            b = add_last_square(b, rows, here + length, x, rest)
-            c = add_last_square(c, rows, here + 2 * length, x, rest)
-            d = add_last_square(d, rows, here + 3 * length, x, rest)
-            e = add_last_square(e, rows, here + 4 * length, x, rest)
-            f = add_last_square(f, rows, here + 5 * length, x, rest)
-            g = add_last_square(g, rows, here + 6 * length, x, rest)
-            h = add_last_square(h, rows, here + 7 * length, x, rest)
-        return sums(a, b, c, d, e, f, g, h)
-
-    @njit(forceinline=True)
-    def from_one(percept, rows, at, length):
-        squares, whole = zeros(lanes), length // lanes * lanes
-        for k in range(0, whole, lanes):
-            squares = add_square(squares, rows, at + k, load(percept, k, lanes))
-        if whole < length:
-            x, rest = load(percept, whole, lanes), length - whole
-            squares = add_last_square(squares, rows, at + whole, x, rest)
-        return total(squares)
-
-    @njit(forceinline=True)
-    def add_square(squares, rows, at, x):
-        apart = difference(load(rows, at, lanes), x)
-        return add_product(squares, apart, apart)
-
-    @njit(forceinline=True)
-    def add_last_square(squares, rows, at, x, rest):
-        apart = first_ones(difference(load(rows, at, lanes), x), rest)
-        return add_product(squares, apart, apart)
-
-    return from_eight, from_one
-
-
-_from_eight_of_few, _from_one_of_few = _make(_FEW)
-_from_eight_of_many, _from_one_of_many = _make(_MANY)
+    if percept.shape != rows.shape[1:] or percept.dtype != rows.dtype:
+        raise ValueError(
+            f"expected a percept {list(rows.shape[1:])} of {rows.dtype}, as the rows, "
+            f"got {list(percept.shape)} of {percept.dtype}"
+        )
+    out = np.empty(len(rows), rows.dtype)
+    one, columns = np.ascontiguousarray(percept)[None], np.ascontiguousarray(rows.T)
+    squared_distances(one, 0, columns, 0, len(rows), out)
+    return np.sqrt(out)

@@ -79,6 +79,10 @@ class SOFMEnsemble(nn.Module):
 
     def _streams(self, percepts: Tensor | Sequence[Tensor]) -> list[Tensor]:
         """The streams, checked and scaled, before any map has learned."""
+        if not isinstance(percepts, Sequence) and not (
+            isinstance(percepts, Tensor) and percepts.dim() > 0
+        ):
+            raise ValueError(f"expected a stream for each map, got {percepts!r}")
         streams = list(percepts)
         if len(streams) != len(self):
             raise ValueError(f"expected a stream for each of {len(self)} maps, got {len(streams)}")
@@ -88,4 +92,4 @@ class SOFMEnsemble(nn.Module):
 def _learn(pair: tuple[HabituatingSOFM, Tensor]) -> Observation:
     sofm, stream = pair
     with torch.no_grad():  # which holds for a thread
-        return sofm.learn(stream).observation
+        return sofm.observe_scaled(stream)

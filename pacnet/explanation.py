@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from torch import Tensor
+import numpy as np
+from numpy.typing import NDArray
 
 from pacnet.node_schemas import NodeSchemas
 from pacnet.timeline import shown
+from pacnet.validation import check_number
 
 if TYPE_CHECKING:
     from pacnet.competing_schemas import CompetingSchemas
@@ -41,7 +43,8 @@ class Rival(NamedTuple):
 
 def origins_of(schemas: CompetingSchemas, schema: int, position: int) -> list[Origin]:
     """See `CompetingSchemas.origins`."""
-    _check(schemas, schema, position)
+    schemas.check()
+    schema, position = _check(schemas, schema, position)
     passes, episodes, frames = schemas.passes, schemas.episodes, schemas.frames(schema)
     number, time, row = shown(schemas)
     blocks = schemas.blocks
@@ -54,11 +57,16 @@ def origins_of(schemas: CompetingSchemas, schema: int, position: int) -> list[Or
     origins = [Origin(*row) for row in zip(numbers, names, frame.tolist(), strict=True)]
     # The pass whose sequence is kept began with its first row and ended with its last one.
     own = (first == frames[0]) & (last == frames[-1]) & (episode == blocks.live("shown_in")[schema])
+    if not bool(own.any()):
+        raise ValueError(f"expected a pass in which schema {schema} was shown, got none")
     return [origins.pop(int(own.nonzero()[0])), *origins]
 
 
 def rivals_of(
-    schemas: CompetingSchemas, here: NodeSchemas, distances: Tensor, probability: Tensor
+    schemas: CompetingSchemas,
+    here: NodeSchemas,
+    distances: NDArray[np.floating],
+    probability: NDArray[np.float64],
 ) -> list[Rival]:
     """See `CompetingSchemas.rivals`; arguments as of `NodeSchemas.confidences`."""
     confidences = here.confidences(distances, probability).tolist()
@@ -76,12 +84,7 @@ def _behaviours_through(schemas: CompetingSchemas, schema: int) -> tuple[str, ..
     return tuple(schemas.behaviours[kind] for kind in kinds.unique().tolist())
 
 
-def _check(schemas: CompetingSchemas, schema: int, position: int) -> None:
-    count = len(schemas.blocks)
-    if not 0 <= schema < count:
-        raise ValueError(f"expected a schema from 0 to {count - 1}, got {schema}")
+def _check(schemas: CompetingSchemas, schema: int, position: int) -> tuple[int, int]:
+    schema = check_number("a schema", schema, len(schemas.blocks))
     length = int(schemas.lengths[schema])
-    if not 0 <= position < length:
-        raise ValueError(
-            f"expected a position from 0 to {length - 1} in schema {schema}, got {position}"
-        )
+    return schema, check_number("a position", position, length, 0, f" in schema {schema}")

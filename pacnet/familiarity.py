@@ -7,6 +7,7 @@ of the same thing differ is learned too, so that nobody has to set a threshold f
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +15,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.rows import Column, GrowableRows
-from pacnet.validation import is_integer
+from pacnet.integrity import check_forms, check_holds, check_on_load
+from pacnet.rows import Column, GrowableRows, check_storage, hand_out_copies
+from pacnet.validation import LARGEST, is_integer
 
 MARGIN = 4.0  # times what is usual is tolerated
 RATE = 0.1  # per percept, at which residuals are followed: noise averages out over some twenty
@@ -75,16 +77,28 @@ class Familiarity(nn.Module):
         self.dimensions = dimensions
         self.episodes = GrowableRows({"deviation": Column((dimensions,), torch.float32)})
         self.register_buffer("usual", torch.full((dimensions,), _LEAST))  # scaled
-        self.reset()
+        self._deviation = np.zeros(dimensions, np.float32)  # of a recall episode
+        hand_out_copies(self)
+        check_on_load(self)
 
     @property
     def tolerance(self) -> NDArray[np.float32]:
-        """The deviation at which a dimension is new, scaled `[D]`."""
-        return np.float32(MARGIN) * self.usual.numpy(force=True)
+        """The deviation at which a dimension is new, scaled `[D]`.
+
+        Raises:
+            ValueError: what is usual is no longer that, by somebody's change.
+        """
+        usual = check_storage("usual", self.usual)
+        if usual.shape != (self.dimensions,):
+            raise ValueError(f"expected usual as [{self.dimensions}], got {list(usual.shape)}")
+        deviations = usual.numpy(force=True)
+        if not deviations.min() > 0:
+            raise ValueError(f"expected usual deviations > 0, got {deviations.tolist()}")
+        return np.float32(MARGIN) * deviations
 
     def reset(self) -> None:
         """Starts a new recall episode: percepts judged before are forgotten."""
-        self._deviation = np.zeros(self.dimensions, np.float32)
+        self._deviation[:] = 0
 
     @torch.no_grad()
     def learn(
@@ -108,15 +122,20 @@ class Familiarity(nn.Module):
             The largest novelty in the episode, by what was usual before it; NaN without cues.
 
         Raises:
-            ValueError: of the wrong shape, no percepts, or not finite; nothing was learned then.
+            ValueError: of the wrong shape or dtype, no percepts, not finite or too large; nothing
+                was learned then.
         """
+        self.episodes.check()
+        tolerance = self.tolerance
         self._check("percepts", percepts)
-        if cues is None or len(cues) == 0:
+        known = np.zeros((0, self.dimensions), np.float32) if cues is None else cues
+        _check_arrays("expected cues", known)
+        if cues is None or len(known) == 0:
             largest, novelty = _movement(percepts), math.nan
         else:
             self._check("cues", cues)
             largest = _largest_deviation(percepts, cues)
-            novelty = float((largest / self.tolerance).max())
+            novelty = float((largest / tolerance).max())
         tells = len(self.episodes) == 0 or not correction
         if self.training and tells and len(percepts) > 1:  # one shows neither movement nor noise
             self._note(largest)
@@ -130,18 +149,22 @@ class Familiarity(nn.Module):
             cues: all percepts that were learned, scaled, `[R, D]`; without any, all is new.
 
         Raises:
-            ValueError: of the wrong shape or not finite; nothing has changed.
+            ValueError: of the wrong shape or dtype, not finite or too large; nothing has changed.
         """
+        wanted = f"expected a percept [{self.dimensions}] and cues [rows, {self.dimensions}]"
+        _check_arrays(wanted, percept, cues)
         if percept.shape != (self.dimensions,) or cues.shape[1:] != percept.shape:
+            raise ValueError(f"{wanted}, got {list(percept.shape)} and {list(cues.shape)}")
+        if not np.abs(percept).max() <= LARGEST:  # NaN is not
             raise ValueError(
-                f"expected a percept [{self.dimensions}] and cues [rows, {self.dimensions}], "
-                f"got {list(percept.shape)} and {list(cues.shape)}"
+                f"expected a finite percept within ±{LARGEST:g}, got {percept.tolist()}"
             )
-        if not np.isfinite(percept).all():
-            raise ValueError(f"expected a finite percept, got {percept.tolist()}")
+        _check_single(percept, cues)
         if len(cues) == 0:
             return Judgement(math.inf, 0, math.inf, float(self.tolerance[0]))
         residual = residual_of(percept, cues)
+        if not np.abs(residual).max() <= 2 * LARGEST:  # NaN is not
+            raise ValueError(f"expected finite cues within ±{LARGEST:g}, got others among them")
         self._deviation += RATE * (np.abs(residual) - self._deviation)
         tolerance = self.tolerance
         ratio = self._deviation / tolerance
@@ -158,23 +181,46 @@ class Familiarity(nn.Module):
             overall = float(usual.square().mean().sqrt())
             self.usual.copy_(usual.clamp(min=max(_LEAST, _LEAST_SHARE * overall)))
 
-    def check_integrity(self) -> None:
-        """Raises a ValueError where nothing, or less than nothing, is tolerated in a dimension."""
-        if not bool((self.usual > 0).all()):
-            raise ValueError(f"expected usual deviations > 0, got {self.usual.tolist()}")
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raises a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+        check_forms(self, tensors)
+        usual, deviations = tensors["usual"], tensors["episodes.deviation"]
+        check_holds(
+            {
+                "usual deviations > 0": ((usual > 0) & usual.isfinite()).all(),
+                "finite deviations ≥ 0": ((deviations >= 0) & deviations.isfinite()).all(),
+            }
+        )
 
     def _check(self, name: str, rows: NDArray[np.float32]) -> None:
+        wanted = f"expected {name} of shape [rows ≥ 1, {self.dimensions}]"
+        _check_arrays(wanted, rows)
         if rows.ndim != 2 or rows.shape[1] != self.dimensions or len(rows) == 0:
-            raise ValueError(
-                f"expected {name} of shape [rows ≥ 1, {self.dimensions}], got {list(rows.shape)}"
-            )
-        if not np.isfinite(rows).all():
-            raise ValueError(f"expected finite {name}, got others among them")
+            raise ValueError(f"{wanted}, got {list(rows.shape)}")
+        if not np.abs(rows).max() <= LARGEST:  # NaN is not
+            raise ValueError(f"expected finite {name} within ±{LARGEST:g}, got others among them")
+        _check_single(rows)
+
+
+def _check_arrays(wanted: str, *values: object) -> None:
+    """Raises a ValueError unless these are arrays of floats, none of them masked."""
+    for value in values:
+        if not isinstance(value, np.ndarray) or isinstance(value, np.ma.MaskedArray):
+            raise ValueError(f"{wanted}, as an array, got {type(value).__name__}")
+        if value.dtype.kind != "f" or value.ndim == 0:
+            raise ValueError(f"{wanted}, of floats, got {value.dtype} {list(value.shape)}")
+
+
+def _check_single(*values: NDArray[np.floating]) -> None:
+    """Raises a ValueError unless these are of float32."""
+    for value in values:
+        if value.dtype != np.float32:
+            raise ValueError(f"expected percepts and cues as float32, got {value.dtype}")
 
 
 def residual_of(percept: NDArray[np.float32], cues: NDArray[np.float32]) -> NDArray[np.float32]:
     """The difference `[D]` of a percept `[D]` from the nearest of the cues `[R ≥ 1, D]`."""
-    from pacnet.compiled_recall import distances_of  # which brings numba
+    from pacnet.distances import distances_of  # which brings numba
 
     return percept - cues[distances_of(percept, cues).argmin()]
 

@@ -8,29 +8,36 @@ demonstrations it learned, and gives no action where the percept is new.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict
+from operator import index
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from pacnet.acting import Acting
 from pacnet.competing_schemas import CompetingSchemas
 from pacnet.demonstrations import Demonstration, Demonstrations
-from pacnet.engine import Engine
+from pacnet.drafts import adopt, draft_of, frozen
+from pacnet.engine import Engine, check_row
 from pacnet.familiarity import Familiarity
 from pacnet.imitator_config import ImitatorConfig
 from pacnet.imitator_settings import choose_settings
+from pacnet.integrity import check_forms, check_holds, check_model, check_on_load, part_of
 from pacnet.interrupts import interrupts_held_back
 from pacnet.mlp_forward_model import MLPForwardModel
-from pacnet.model_checkpoint import check_finite, read_model, save_model
-from pacnet.network import Decision, PACNet
-from pacnet.sequences import close_gaps
+from pacnet.model_checkpoint import check_finite, read_model, save_tensors
+from pacnet.network import FORWARD_MODEL, Decision, PACNet, check_dimensions
+from pacnet.rows import check_storage, hand_out_copies
+from pacnet.sequences import array_of_rows, close_gaps
+from pacnet.sofm_config import LARGEST_PERCEPT
 from pacnet.targets import targets_ahead
+from pacnet.validation import check_number
 
 
 def exactly() -> AbstractContextManager[object]:
@@ -81,8 +88,24 @@ class ImitatorStep(NamedTuple):
     """Of the network: which node won, what it recalled."""
 
 
+class _Known(NamedTuple):
+    """What `step` works on: all that was learned at one moment."""
+
+    network: Acting
+    familiarity: Familiarity
+    cues: NDArray[np.float32]  # [R, D], all percepts that targets are kept with, scaled
+    scale: NDArray[np.float32]  # [D], of percepts
+
+    def is_of(self, network: Acting, familiarity: Familiarity) -> bool:
+        """Whether these are still the ones."""
+        return self.network is network and self.familiarity.usual is familiarity.usual
+
+
 class Imitator(nn.Module):
     """Imitation from demonstrations, one pass, on and on; see `untaught` for one to begin with.
+
+    One thread may `step` while another learns: it acts on what was known before a demonstration, or
+    on all that is known after it.
 
     Args:
         config: see `ImitatorConfig`.
@@ -115,7 +138,9 @@ class Imitator(nn.Module):
         self.familiarity = Familiarity(config.network.attention.dimensions)
         self.lessons: list[Lesson] = []
         self.register_buffer("first_action", torch.zeros(len(config.action)))
-        self._scale = np.asarray(self.network.sofm.scale, dtype=np.float32)  # [D]
+        self._known: _Known | None = None
+        hand_out_copies(self)
+        check_on_load(self)
 
     @classmethod
     def untaught(
@@ -164,7 +189,8 @@ class Imitator(nn.Module):
         The map watches a demonstration first, so that its nodes have settled when its targets are
         kept. The scale of percepts stays what it is. A forward model is fitted to the first
         demonstrations and stays: it belongs to the body, not to what is shown. In eval mode nothing
-        is learned. A Ctrl-C waits until the demonstration is learned.
+        is learned. A Ctrl-C waits until the demonstration is learned; an error on the way leaves
+        what was known before it.
 
         Args:
             demonstrations: of the same features and rate as all before.
@@ -177,9 +203,10 @@ class Imitator(nn.Module):
             A lesson for each demonstration; none in eval mode.
 
         Raises:
-            ValueError: other features or another rate, a demonstration that is empty, not finite,
-                or of unequal lengths, or too few frames to fit a forward model to; nothing has been
-                learned then.
+            ValueError: other features or another rate, a demonstration that is empty, not finite or
+                too large, of another type or width, or of unequal lengths, a task that is no text,
+                or too few frames to fit a forward model to; nothing has been learned then, of no
+                demonstration.
         """
         self._check(demonstrations)
         if not self.training:
@@ -187,13 +214,13 @@ class Imitator(nn.Module):
         if self.forward_model is not None and not self.lessons:
             with exactly():
                 self._fit(self.forward_model, demonstrations.episodes)
-        before = len(self.lessons)
+        lessons = []
         for shown in demonstrations:
-            with torch.inference_mode(False), exactly(), interrupts_held_back():
-                self._learn_one(demonstrations.source, shown, corrections)
+            with exactly(), interrupts_held_back():
+                lessons.append(self._learn_one(demonstrations.source, shown, corrections))
             if progress is not None:
                 progress(len(shown.state))
-        return self.lessons[before:]
+        return lessons
 
     def step(self, percept: NDArray[np.float32] | Tensor) -> ImitatorStep:
         """What to do about one percept; goes on from the last call, and learns nothing.
@@ -204,12 +231,14 @@ class Imitator(nn.Module):
         Raises:
             ValueError: of the wrong shape or dtype, or not finite; nothing has changed.
         """
-        percept = percept.detach().numpy() if isinstance(percept, Tensor) else percept
+        percept, known = check_row("percept", percept, len(self.percept_names)), self._now()
         state = percept[: self.config.state_dimensions] if self.forward_model is not None else None
-        decision = self.network.step(percept, state)
-        judgement = self.familiarity.judge(percept * self._scale, self._cues())
+        decision = self.network.step_on(known.network, percept, state)
+        judgement = known.familiarity.judge(percept * known.scale, known.cues)
         # What cannot be compared is new, too.
-        is_novel, unit = not judgement.novelty <= 1, float(self._scale[judgement.dimension])
+        is_novel, unit = not judgement.novelty <= 1, float(known.scale[judgement.dimension])
+        if unit == 0:
+            raise ValueError(f"expected a scale without zeros, got {known.scale.tolist()}")
         wanted = decision.target if self.forward_model is None else decision.action
         return ImitatorStep(
             None if is_novel else wanted,
@@ -224,10 +253,10 @@ class Imitator(nn.Module):
     def warm_up(self) -> None:
         """Does what a process's first two steps take seconds for; then begins a recall episode."""
         with torch.inference_mode(False):
-            cues = self._cues()
-            known = cues[0] if len(cues) else np.zeros_like(self._scale)
+            _, _, cues, scale = self._now()
+            known = cues[0] if len(cues) else np.zeros_like(scale)
             for _ in range(2):  # the belief moves on at the second
-                self.step(known / self._scale)
+                self.step(known / scale)
         self.reset()
 
     def reset(self) -> None:
@@ -244,10 +273,10 @@ class Imitator(nn.Module):
         Raises:
             ValueError: tensors that contradict one another; nothing has been written.
         """
-        close_gaps(self._schemas)
-        self.network.check_integrity()
-        lessons = [lesson._asdict() for lesson in self.lessons]
-        save_model(self, {**asdict(self.config), "lessons": lessons}, folder)
+        with self.network.changing:
+            tensors, lessons = self.state_dict(), [lesson._asdict() for lesson in self.lessons]
+        self.check_state(tensors)
+        save_tensors(self, {**asdict(self.config), "lessons": lessons}, tensors, folder)
 
     @classmethod
     def from_pretrained(cls, folder: str | Path, engine: Engine = "auto") -> Imitator:
@@ -260,12 +289,15 @@ class Imitator(nn.Module):
         """
         fields, tensors = read_model(folder, "Imitator")
         lessons = _lessons(fields.pop("lessons", None))
-        imitator = cls(ImitatorConfig.from_dict(fields), engine)
+        config = ImitatorConfig.from_dict(fields)
         try:
             check_finite(tensors)
+            check_dimensions(config.network, tensors, "network.")  # before memory is taken for them
+            if config.forward_model is not None:
+                model = part_of(tensors, "network." + FORWARD_MODEL)
+                MLPForwardModel.check_sizes(config.forward_model, model)
+            imitator = cls(config, engine)
             imitator.load_state_dict(tensors)
-            imitator.network.check_integrity()
-            imitator.familiarity.check_integrity()
             imitator.lessons = lessons
             imitator._check_lessons()
         except (RuntimeError, ValueError) as error:
@@ -275,8 +307,31 @@ class Imitator(nn.Module):
             ) from error
         return imitator
 
+    def state_dict(self, *args: Any, **kwargs: Any) -> Any:
+        """As of any module; where another thread learns, of before or after a demonstration."""
+        with self.network.changing:
+            return super().state_dict(*args, **kwargs)
+
+    def load_state_dict(
+        self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
+    ) -> Any:
+        """As of any module, all or nothing; what another thread is learning is finished before."""
+        models = part_of(state_dict, "network." + FORWARD_MODEL)
+        with self.network.waiting(), self.network.changing:
+            check_model(self.forward_model, models, strict)
+            return super().load_state_dict(state_dict, strict, assign)
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raises a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+        models = "network." + FORWARD_MODEL
+        check_forms(self, {name: t for name, t in tensors.items() if not name.startswith(models)})
+        self.network.check_state(part_of(tensors, "network."))
+        self.familiarity.check_state(part_of(tensors, "familiarity."))
+        check_holds({"a finite first action": tensors["first_action"].isfinite().all()})
+
     def _check_lessons(self) -> None:
         """Refuses learning episodes of the network that no lesson tells about."""
+        self._schemas.episodes.check()
         numbers = self._schemas.episodes.live("number")
         if len(numbers) and int(numbers[-1]) >= len(self.lessons):
             raise ValueError(
@@ -284,9 +339,25 @@ class Imitator(nn.Module):
                 f"got {len(self.lessons)}"
             )
 
-    def _cues(self) -> NDArray[np.float32]:
-        """All percepts that targets are kept with, scaled, `[R, D]`."""
-        return self._schemas.pool.live("cue").numpy()
+    def _now(self) -> _Known:
+        """What was learned, all of it at one moment."""
+        network, known = self.network.now(), self._known
+        if known is None or not known.is_of(network, self.familiarity):
+            with self.network.changing:
+                self._known = known = self._look_up(self.network.now())
+        return known
+
+    def _look_up(self, network: Acting) -> _Known:
+        schemas = network.schemas
+        assert isinstance(schemas, CompetingSchemas)
+        recall = schemas.recall_in_progress
+        cues = schemas.arrays("cue") if recall is None else recall.cues
+        scale = array_of_rows(network.sofm.scale)
+        return _Known(network, frozen(self.familiarity), cues, scale)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy looks up itself what it acts on."""
+        return {**self.__dict__, "_known": None}
 
     @property
     def _schemas(self) -> CompetingSchemas:
@@ -296,6 +367,16 @@ class Imitator(nn.Module):
 
     def _check(self, demonstrations: Demonstrations) -> None:
         """Refuses demonstrations of something else than what is known."""
+        if not isinstance(demonstrations, Demonstrations):
+            raise ValueError(f"expected Demonstrations, got {type(demonstrations).__name__}")
+        if not isinstance(demonstrations.source, str):
+            raise ValueError(f"expected their source as a str, got {demonstrations.source!r}")
+        self._check_lessons()
+        if check_storage("first_action", self.first_action).shape != (len(self.config.action),):
+            raise ValueError(
+                f"expected a first action [{len(self.config.action)}], "
+                f"got {list(self.first_action.shape)}"
+            )
         wanted = {**self.config.percepts, "action": self.config.action}
         got = {**demonstrations.percept_features, "action": demonstrations.action_names}
         for name in wanted.keys() | got.keys():
@@ -311,6 +392,31 @@ class Imitator(nn.Module):
             )
         for shown in demonstrations:
             _check_one(shown)
+            self._check_size(shown)
+
+    def _check_size(self, shown: Demonstration) -> None:
+        """Refuses rows of another width, or so large that distances would not be finite."""
+        widths = {
+            "percepts": (shown.percepts, len(self.percept_names)),
+            "states": (shown.state, self.config.state_dimensions),
+            "actions": (shown.action, len(self.config.action)),
+        }
+        for name, (rows, width) in widths.items():
+            if rows.shape[1] != width:
+                raise ValueError(
+                    f"expected {name} of {width} dimensions in episode {shown.episode}, "
+                    f"got {rows.shape[1]}"
+                )
+        try:
+            self.network.sofm.scaled(shown.percepts)
+        except ValueError as error:
+            raise ValueError(f"episode {shown.episode}: {error}") from None
+        largest = max(float(rows.abs().max()) for rows in (shown.action, self._targets(shown)))
+        if largest > LARGEST_PERCEPT:
+            raise ValueError(
+                f"expected actions and targets within ±{LARGEST_PERCEPT:g} in episode "
+                f"{shown.episode}, got {largest:g}"
+            )
 
     def _fit(self, model: MLPForwardModel, episodes: Sequence[Demonstration]) -> None:
         """Fits the forward model to all steps from one frame to the next."""
@@ -321,32 +427,45 @@ class Imitator(nn.Module):
             seed=0,
         )
 
-    def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> None:
-        percepts, number = shown.percepts, len(self.lessons)
-        correction = correction and number > 0  # there is nothing to correct before
-        unfamiliar = self._compare(percepts, correction)
-        watched = self.network.attend(percepts)
-        self.network.observe(percepts, self._targets(shown), number, shown.task)
-        if not correction:
-            before = sum(not lesson.correction for lesson in self.lessons)
-            self.first_action += (shown.action[0] - self.first_action) / (before + 1)
-        new, nodes = int(watched.inserted.sum()), len(self.network.sofm)
-        share = float(watched.novelty.float().mean())
-        told = (dataset, shown.episode, shown.task, len(percepts))
-        self.lessons.append(Lesson(*told, new, nodes, share, unfamiliar, correction))
+    def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> Lesson:
+        """Learns on drafts, which then take the place of what was known, all at once."""
+        with self.network.learning() as draft:  # from here on nobody else learns
+            number, first_action = len(self.lessons), self.first_action
+            correction = correction and number > 0  # there is nothing to correct before
+            familiarity, percepts = draft_of(self.familiarity), draft.sofm.scaled(shown.percepts)
+            unfamiliar = _compare(draft, familiarity, percepts, number, correction)
+            watched = draft.learn_checked(percepts)
+            draft.learn_checked(percepts, self._targets(shown), number, shown.task)
+            if not correction:
+                before = sum(not lesson.correction for lesson in self.lessons)
+                first_action = first_action + (shown.action[0] - first_action) / (before + 1)
+            new, nodes = int(watched.inserted.sum()), len(draft.sofm)
+            share = float(watched.novelty.float().mean())
+            told = (dataset, index(shown.episode), shown.task, len(percepts))
+            lesson = Lesson(*told, new, nodes, share, unfamiliar, correction)
+            with self.network.changing:
+                self.network.adopt(draft)
+                adopt(self.familiarity, familiarity)
+                self._buffers["first_action"] = first_action
+                acting = self.network.acting
+                self._known = None if acting is None else self._look_up(acting)
+                self.lessons.append(lesson)
+        return lesson
 
     def _targets(self, shown: Demonstration) -> Tensor:
         if self.config.targets == "action":
             return shown.action
         return targets_ahead(shown.state, self.config.lead)
 
-    def _compare(self, percepts: Tensor, correction: bool) -> float | None:
-        """How unfamiliar a demonstration is before it is learned; what is usual is learned."""
-        close_gaps(self._schemas)  # else there would be rows that are nobody's cues
-        cues = self._cues() if self.lessons else None
-        scaled = percepts.numpy() * self._scale
-        novelty = self.familiarity.learn(scaled, cues, correction=correction)
-        return None if math.isnan(novelty) else novelty
+
+def _compare(
+    network: PACNet, familiarity: Familiarity, percepts: Tensor, number: int, correction: bool
+) -> float | None:
+    """How unfamiliar scaled percepts are before they are learned; what is usual is learned."""
+    close_gaps(network.schemas)  # else there would be rows that are nobody's cues
+    cues = network.schemas.arrays("cue") if number > 0 else None
+    novelty = familiarity.learn(percepts.numpy(), cues, correction=correction)
+    return None if math.isnan(novelty) else novelty
 
 
 def _lessons(told: object) -> list[Lesson]:
@@ -358,16 +477,33 @@ def _lessons(told: object) -> list[Lesson]:
 
 
 def _check_one(shown: Demonstration) -> None:
-    """Refuses a demonstration that is empty, of unequal lengths, or not finite."""
-    lengths = {len(shown.percepts), len(shown.action)}
-    if len(lengths) > 1 or 0 in lengths:
+    """Refuses a demonstration that is empty, not finite, of unequal lengths, or of other types."""
+    where = f"in episode {shown.episode}"
+    check_number("an episode", shown.episode, 2**63)
+    if not isinstance(shown.task, str):
+        raise ValueError(f"expected a task in words {where}, got {shown.task!r}")
+    rows = {"state": shown.state, "environment_state": shown.environment_state}
+    rows |= {} if shown.encoded is None else {"encoded": shown.encoded}
+    rows |= {"action": shown.action}
+    for name, values in rows.items():
+        if not isinstance(values, Tensor) or values.dim() != 2 or values.dtype != torch.float32:
+            got = values.dtype if isinstance(values, Tensor) else type(values).__name__
+            raise ValueError(
+                f"expected {name} as a torch.float32 tensor [T, ...] {where}, got {got}"
+            )
+        if not values.is_cpu or values.layout != torch.strided:
+            raise ValueError(
+                f"expected {name} on the CPU {where}, got it {values.layout} on {values.device}"
+            )
+    lengths = {name: len(values) for name, values in rows.items()}
+    if len(set(lengths.values())) > 1 or 0 in lengths.values():
         raise ValueError(
-            f"expected an action for each of at least one percept in episode {shown.episode}, "
-            f"got {len(shown.action)} for {len(shown.percepts)}"
+            f"expected an action for each of at least one percept {where}, "
+            f"got {len(shown.action)} for {len(shown.state)}"
         )
-    for name, rows in (("percepts", shown.percepts), ("actions", shown.action)):
-        if not bool(rows.isfinite().all()):
-            raise ValueError(f"expected finite {name} in episode {shown.episode}, got others")
+    for name, values in (("percepts", shown.percepts), ("actions", shown.action)):
+        if not bool(values.isfinite().all()):
+            raise ValueError(f"expected finite {name} {where}, got others")
 
 
 def _listed(names: Sequence[str] | None) -> str:

@@ -1,117 +1,274 @@
-"""What must hold between the tensors of a network, whoever made them.
+"""What must hold of a module's tensors, whoever made them, before they become its state.
 
-A checkpoint can be damaged or edited so that each tensor has the right name and shape and the whole
-still means nothing: a target of NaN would reach a motor, an edge could lead to a node that is not
-there. Checked after loading, and before a good checkpoint is replaced.
+A checkpoint or a `state_dict` can be damaged or edited so that each tensor has the right name and
+shape and the whole still means nothing: a target of NaN would reach a motor, an edge could lead to
+a node that is not there. Checked on every load, before anything is copied, and before a good
+checkpoint is replaced.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple, Protocol
+
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from pacnet.attention import NOBODY
-from pacnet.competing_schemas import CompetingSchemas
-from pacnet.retraining import OPEN
-from pacnet.schemas import MotorSchemas
-from pacnet.sequences import Sequences
-from pacnet.sofm import HabituatingSOFM
+from pacnet.rows import GrowableRows, check_storage
+from pacnet.validation import LARGEST, LONGEST
+
+Tensors = Mapping[str, Tensor]
+Checks = dict[str, Tensor | bool]
+
+_EXTRA = "_extra_state"
+_MODEL = "forward_model"  # a child of which others check what it is made of
+OPEN = 0
+"""Support of a schema whose episode is not over."""
 
 
-def check_integrity(sofm: HabituatingSOFM, schemas: MotorSchemas | CompetingSchemas) -> None:
-    """Checks a map and its motor schemas, whose pool must be without gaps.
+class _Form(NamedTuple):
+    rows: str | None  # the rows that it is a column of
+    shape: tuple[int, ...]  # of one of them, or of the tensor
+    integer: bool
+
+
+class Checked(Protocol):
+    """A module whose state can be checked."""
+
+    def check_state(self, tensors: Tensors) -> None:
+        """Raises a ValueError naming the first thing that does not hold of its `state_dict`."""
+        ...
+
+
+def check_on_load(module: nn.Module) -> None:
+    """Has `load_state_dict` refuse what does not hold, before anything is changed."""
+    module.register_load_state_dict_pre_hook(_check_loaded)
+
+
+def _check_loaded(
+    module: Any, state_dict: Mapping[str, Tensor], prefix: str, _: object, strict: bool, *__: object
+) -> None:
+    own = {name[len(prefix) :]: t for name, t in state_dict.items() if name.startswith(prefix)}
+    if not own and not strict:
+        return  # nothing of it is loaded
+    if not strict:
+        own = {name: own[name] for name in own.keys() & _forms_of(module).keys()}
+    module.check_state(own)
+    for name, buffer in module.named_buffers():
+        if not isinstance(module.get_submodule(name.rpartition(".")[0]), GrowableRows):
+            check_storage(name, buffer)  # it is copied to
+
+
+def check_model(model: object, tensors: Tensors, strict: bool) -> None:
+    """Refuses what torch would refuse of a forward model when all else has been copied.
+
+    Args:
+        model: the forward model, or None.
+        tensors: what is to be loaded into it, by name.
+        strict: whether no name may be missing or unknown.
 
     Raises:
-        ValueError: naming the first thing that does not hold.
+        ValueError: naming what is.
     """
-    if len(sofm) != len(schemas):
+    known = model.state_dict() if isinstance(model, nn.Module) else {}
+    if strict and known.keys() != tensors.keys():
         raise ValueError(
-            f"expected motor schemas for each node, got {len(schemas)} for {len(sofm)} nodes"
+            f"expected the tensors {sorted(known) or 'none'} of the forward model, "
+            f"got {sorted(tensors) or 'none'}"
         )
-    checks = {**_map_holds(sofm), **_sequences_hold(schemas)}
-    if isinstance(schemas, CompetingSchemas):
-        checks |= _episodes_hold(schemas)
+    for name in known.keys() & tensors.keys():
+        own, other = known[name], tensors[name]
+        if isinstance(own, Tensor) and (not isinstance(other, Tensor) or own.shape != other.shape):
+            raise ValueError(
+                f"expected {name} of the forward model of shape {list(own.shape)}, got {other}"
+            )
+    check_values = getattr(model, "check_loaded", None)  # of those that have learned something
+    if callable(check_values):
+        check_values(tensors)
+
+
+def check_forms(module: nn.Module, tensors: Tensors) -> None:
+    """Checks names, shapes and types of what is to become a module's state.
+
+    Raises:
+        ValueError: naming what is missing, unexpected or misshapen.
+    """
+    forms, kind = _forms_of(module), type(module).__name__
+    if forms.keys() != tensors.keys():
+        missing, extra = sorted(forms.keys() - tensors), sorted(tensors.keys() - forms)
+        raise ValueError(
+            f"expected the tensors of {kind}, "
+            f"got {missing or 'none'} missing, {extra or 'none'} extra"
+        )
+    counts: dict[str, int] = {}
+    for name, (rows, shape, integer) in forms.items():
+        tensor = tensors[name]
+        fits = isinstance(tensor, Tensor) and tensor.layout == torch.strided and not tensor.is_meta
+        fits = fits and tensor.is_floating_point() != integer
+        text = name.endswith(_EXTRA)
+        fits = fits and (not integer or tensor.dtype == (torch.uint8 if text else torch.int64))
+        own = tuple(tensor.shape) if fits else ()
+        if rows is not None and own:
+            fits = counts.setdefault(rows, own[0]) == own[0]
+            own = own[1:]
+        elif rows is not None:
+            fits = False
+        if not fits or own != shape:
+            wanted = [*([counts.get(rows, "rows")] if rows is not None else []), *shape]
+            got = f"{tensor.dtype} {list(tensor.shape)}" if isinstance(tensor, Tensor) else tensor
+            raise ValueError(
+                f"expected {name} of {kind} as {'integers' if integer else 'float'} of shape "
+                f"{wanted}, got {got}"
+            )
+        check_storage(name, tensor)
+    if len({t.dtype for name, t in tensors.items() if not forms[name].integer}) > 1:
+        raise ValueError(f"expected floating-point tensors of one type in {kind}, got several")
+
+
+def check_holds(checks: Mapping[str, Tensor | bool]) -> None:
+    """Raises a ValueError for the first that does not hold."""
     for name, holds in checks.items():
         if not bool(holds):
             raise ValueError(f"expected {name}, got tensors in which it does not hold")
 
 
-def _map_holds(sofm: HabituatingSOFM) -> dict[str, Tensor | bool]:
-    habituation, since = sofm.habituation, sofm.nodes.live("habituated_at")
-    ends, age = sofm.edges.live("ends"), sofm.edges.live("age")
-    floor = sofm.config.floor_habituation - 1e-6  # rounding
+def part_of(tensors: Tensors, prefix: str) -> dict[str, Tensor]:
+    """Those whose names begin with it, without it."""
+    return {name[len(prefix) :]: t for name, t in tensors.items() if name.startswith(prefix)}
+
+
+def _forms_of(module: nn.Module) -> dict[str, _Form]:
+    """What a module's `state_dict` is made of; a forward model checks its own."""
+    return dict(_walk(module, ""))
+
+
+def _walk(module: nn.Module, prefix: str) -> Iterator[tuple[str, _Form]]:
+    if isinstance(module, GrowableRows):
+        for name, column in module.columns.items():
+            integer = not column.dtype.is_floating_point
+            yield prefix + name, _Form(prefix, column.shape, integer)
+        return
+    for name, buffer in module._buffers.items():
+        if buffer is not None and name not in module._non_persistent_buffers_set:
+            form = _Form(None, tuple(buffer.shape), not buffer.is_floating_point())
+            yield prefix + name, form
+    if type(module).get_extra_state is not nn.Module.get_extra_state:
+        yield prefix + _EXTRA, _Form(prefix + _EXTRA, (), True)
+    for name, child in module.named_children():
+        if name != _MODEL:
+            yield from _walk(child, f"{prefix}{name}.")
+
+
+def map_holds(floor: float, tensors: Tensors) -> Checks:
+    """What holds of a map.
+
+    Args:
+        floor: of habituation.
+        tensors: of its `state_dict`.
+    """
+    habituation, since = tensors["nodes.habituation"], tensors["nodes.habituated_at"]
+    ends, age, time = tensors["edges.ends"], tensors["edges.age"], tensors["time"]
+    nodes, floor = len(habituation), floor - (1e-6 if habituation.dtype != torch.half else 1e-3)
     return {
-        "finite prototypes": torch.isfinite(sofm.prototypes).all(),
+        "finite prototypes, not too large": _distant(tensors["nodes.prototype"]),
         "habituation between its floor and 1": ((habituation >= floor) & (habituation <= 1)).all(),
-        "habituated_at in the past": ((since >= NOBODY) & (since <= sofm.time)).all(),
-        "edges between nodes that exist": ((ends >= 0) & (ends < len(sofm))).all(),
+        "a time ≥ 0 that can go on": (time >= 0) & (time <= LONGEST),
+        "habituated_at in the past": ((since >= NOBODY) & (since <= time)).all(),
+        "edges between nodes that exist": ((ends >= 0) & (ends < nodes)).all(),
         "edges with the lower node first": (ends[:, 0] < ends[:, 1]).all(),
         "one edge between two nodes": len(ends.unique(dim=0)) == len(ends),
-        "ages of edges ≥ 0": (age >= 0).all(),
+        "ages of edges ≥ 0 that can go on": ((age >= 0) & (age <= LONGEST)).all(),
     }
 
 
-def _sequences_hold(schemas: Sequences) -> dict[str, Tensor | bool]:
-    lengths = schemas.lengths
-    starts, room = schemas.blocks.live("start"), schemas.blocks.live("room")
+def sequences_hold(tensors: Tensors) -> Checks:
+    """What holds of motor schemas, whose pool is without gaps."""
+    lengths, starts = tensors["blocks.length"], tensors["blocks.start"]
+    target = tensors["pool.target"]
+    within = (lengths >= 0) & (lengths <= len(target))
     return {
-        "finite targets": torch.isfinite(schemas.pool.live("target")).all(),
-        "finite cues": torch.isfinite(schemas.pool.live("cue")).all(),
-        "lengths of sequences ≥ 0": (lengths >= 0).all(),
+        "finite targets, not too large": _distant(target),
+        "finite cues, not too large": _distant(tensors["pool.cue"]),
+        "lengths of sequences ≥ 0": within.all(),
         "sequences laid end to end": torch.equal(starts, lengths.cumsum(0) - lengths),
-        "room for each sequence's targets alone": torch.equal(room, lengths),
-        "a sequence for every target": int(lengths.sum()) == len(schemas.pool),
+        "room for each sequence's targets alone": torch.equal(tensors["blocks.room"], lengths),
+        "a sequence for every target": int(lengths.sum()) == len(target),
     }
 
 
-def _episodes_hold(schemas: CompetingSchemas) -> dict[str, Tensor | bool]:
-    blocks, passes, episodes = schemas.blocks, schemas.passes, schemas.episodes
-    node, behaviour, number = blocks.live("node"), *map(episodes.live, ("behaviour", "number"))
-    episode, schema = passes.live("episode"), passes.live("schema")
-    first, last = passes.live("first"), passes.live("last")
-    inside = (episode >= 0) & (episode < len(episodes))
-    ended = episodes.live("samples")[episode[inside]]
-    finite = [blocks.live(name) for name in ("typical_length", "fit", "continuation")]
+def episodes_hold(behaviours: int, tensors: Tensors) -> Checks:
+    """What holds of schemas that compete, beside `sequences_hold`.
+
+    Args:
+        behaviours: how many have a name.
+        tensors: of their `state_dict`.
+    """
+    blocks, episodes = part_of(tensors, "blocks."), part_of(tensors, "episodes.")
+    passes, frame = part_of(tensors, "passes."), tensors["pool.frame"]
+    node, behaviour, number = blocks["node"], episodes["behaviour"], episodes["number"]
+    episode, schema, first, last = (passes[n] for n in ("episode", "schema", "first", "last"))
+    inside, known = within(episode, len(number)), within(blocks["shown_in"], len(number))
+    samples = episodes["samples"]
+    finite = [blocks[name] for name in ("typical_length", "fit", "continuation")]
+    through = torch.bincount(schema.clamp(0, len(node)), minlength=len(node))[: len(node)]
     return {
-        "schemas of nodes that exist": ((node >= 0) & (node < len(schemas))).all(),
-        "schemas of at least one target": (schemas.lengths > 0).all(),
+        "schemas of nodes that exist": within(node, int(tensors["nodes"])),
+        "schemas of at least one target": (blocks["length"] > 0).all(),
         "finite typical lengths, fits and continuations": all(t.isfinite().all() for t in finite),
         "a pass for each support of a schema": torch.equal(
-            torch.bincount(schema.clamp(0, len(blocks)), minlength=len(blocks))[: len(blocks)],
-            blocks.live("support").clamp(min=1),
+            through, blocks["support"].clamp(min=1)
         ),
+        "support ≥ 0": (blocks["support"] >= OPEN).all(),
         "positive lengths of what is supported": (
-            (blocks.live("typical_length") > 0) | (blocks.live("support") == OPEN)
+            (blocks["typical_length"] > 0) | (blocks["support"] == OPEN)
         ).all(),
-        "finite last cues": episodes.live("last_cue").isfinite().all(),
-        "behaviours that have a name": (
-            (behaviour >= 0) & (behaviour < len(schemas.behaviours))
-        ).all(),
-        "ascending numbers of episodes": (number[1:] > number[:-1]).all(),
-        "passes of episodes that exist": inside.all(),
-        "passes through schemas that exist": ((schema >= 0) & (schema < len(blocks))).all(),
-        "passes within their episodes": (
-            (first >= 0) & (first <= last) & (last < ended if inside.all() else False)
-        ).all(),
-        "a pass in which each sequence was shown": _were_shown(schemas),
-    }
+        "finite last cues, not too large": _distant(episodes["last_cue"]),
+        "behaviours that have a name": within(behaviour, behaviours),
+        "ascending numbers of episodes, from 0 on": (number[1:] > number[:-1]).all()
+        and (number >= 0).all(),
+        "episodes of so many samples": within(samples, _MOST_SAMPLES),
+        "passes of episodes that exist": inside,
+        "passes through schemas that exist": within(schema, len(node)),
+        "passes within their episodes": (first >= 0).all()
+        and (first <= last).all()
+        and (last < samples[episode]).all() if inside else False,
+        "sequences of episodes that exist": known,
+        "frames of their episodes": _frames_hold(blocks, frame, samples) if known else False,
+        "a pass in which each sequence was shown": _were_shown(blocks, passes, frame),
+    }  # fmt: skip
 
 
-def _were_shown(schemas: CompetingSchemas) -> bool:
-    """Whether some pass through each schema is that of its sequence."""
-    blocks, passes, frame = schemas.blocks, schemas.passes, schemas.pool.live("frame")
-    schema, start = passes.live("schema"), blocks.live("start")
-    ends = (start, start + schemas.lengths - 1)
-    if not all(_are_within(rows, len(frame)) for rows in ends) or not _are_within(
-        schema, len(blocks)
-    ):
+_MOST_SAMPLES = 2**53  # of an episode, which float64 counts
+
+
+def _frames_hold(blocks: Tensors, frame: Tensor, samples: Tensor) -> bool:
+    """Whether each row of the pool is a sample of the episode that its sequence is from."""
+    lengths = blocks["length"]
+    if not within(lengths, len(frame) + 1) or int(lengths.sum()) != len(frame):
         return False
-    own = (passes.live("episode") == blocks.live("shown_in")[schema]) & (
-        (passes.live("first") == frame[ends[0]][schema])
-        & (passes.live("last") == frame[ends[1]][schema])
+    ended = samples[blocks["shown_in"]].repeat_interleave(lengths)
+    return bool(((frame >= 0) & (frame < ended)).all())
+
+
+def _were_shown(blocks: Tensors, passes: Tensors, frame: Tensor) -> bool:
+    """Whether some pass through each schema is that of its sequence."""
+    schema, start = passes["schema"], blocks["start"]
+    ends = (start, start + blocks["length"] - 1)
+    count = len(start)
+    if not all(within(rows, len(frame)) for rows in ends) or not within(schema, count):
+        return False
+    own = (passes["episode"] == blocks["shown_in"][schema]) & (
+        (passes["first"] == frame[ends[0]][schema]) & (passes["last"] == frame[ends[1]][schema])
     )
-    return bool(torch.isin(torch.arange(len(blocks), device=schema.device), schema[own]).all())
+    return bool(torch.isin(torch.arange(count, device=schema.device), schema[own]).all())
 
 
-def _are_within(numbers: Tensor, count: int) -> bool:
+def _distant(rows: Tensor) -> Tensor:
+    """Whether rows are finite, and their distances from others would be."""
+    return (rows.isfinite() & (rows.abs() <= LARGEST)).all()  # in half precision, that is infinite
+
+
+def within(numbers: Tensor, count: int | Tensor) -> bool:
+    """Whether all numbers are from 0 to below a count, or each to below its own."""
     return bool(((numbers >= 0) & (numbers < count)).all())

@@ -7,24 +7,18 @@ next state is mostly the present one again, and a model could be nearly right wi
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.candidates import (
-    Outcomes,
-    check_candidate_config,
-    check_equally_many,
-    command,
-    select,
-)
+from pacnet.candidates import CandidateModel, check_candidate_config, check_equally_many, kernels
 from pacnet.engine import check_row
 from pacnet.fitting import (
     FitReport,
@@ -35,18 +29,10 @@ from pacnet.fitting import (
     split_by_blocks,
     train,
 )
-from pacnet.forward_model import Command, Selection
 from pacnet.interrupts import interrupts_held_back
-from pacnet.model_checkpoint import load_tensors, read_model, rebuild_config, save_model
+from pacnet.mlp_arrays import NORMALISERS, RANGE, MLPArrays
 from pacnet.validation import check_fields, check_rows, is_integer
 
-if TYPE_CHECKING:
-    from pacnet.compiled_mlp import CompiledMLP
-
-_NORMALISERS = (
-    "state_mean", "state_std", "action_mean", "action_std", "change_mean", "change_std",
-)  # fmt: skip
-_RANGE = ("state_low", "state_high")
 _UNBOUNDED = torch.finfo(torch.float32).max
 
 
@@ -85,7 +71,7 @@ class MLPForwardModelConfig:
         object.__setattr__(self, "hidden", tuple(self.hidden))
 
 
-class MLPForwardModel(nn.Module):
+class MLPForwardModel(CandidateModel):
     """Predicts the change of the state; chooses the action predicted to come nearest to a target.
 
     A predicted state stays within the range of the states that the model was fitted to: beyond it
@@ -107,7 +93,9 @@ class MLPForwardModel(nn.Module):
         tensor([1.])
     """
 
-    candidates: Tensor  # [K, U]
+    config_type = MLPForwardModelConfig
+    float_tensor = "network.0.weight"
+
     state_mean: Tensor  # float64 [S]; and so on
     state_std: Tensor
     action_mean: Tensor
@@ -118,24 +106,17 @@ class MLPForwardModel(nn.Module):
     state_high: Tensor
 
     def __init__(self, config: MLPForwardModelConfig, *, seed: int = 0) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config)
         self.network = _make_network(config, torch.Generator().manual_seed(seed))
-        self.register_buffer("candidates", torch.tensor(config.candidates), persistent=False)
         widths = {"action": config.action_dimensions}
-        for name in _NORMALISERS:
+        for name in NORMALISERS:
             width = widths.get(name.split("_")[0], config.state_dimensions)
             start = torch.zeros if name.endswith("mean") else torch.ones
             self.register_buffer(name, start(width, dtype=torch.float64))
-        for name, bound in zip(_RANGE, (-_UNBOUNDED, _UNBOUNDED), strict=True):
+        for name, bound in zip(RANGE, (-_UNBOUNDED, _UNBOUNDED), strict=True):
             start = torch.full((config.state_dimensions,), bound, dtype=torch.float64)
             self.register_buffer(name, start)
-        self._compiled: CompiledMLP | None = None
-
-    @property
-    def action_dimensions(self) -> int:
-        """Length U of an action."""
-        return self.config.action_dimensions
+        self._arrays = MLPArrays()
 
     def forward(self, states: Tensor, actions: Tensor) -> Tensor:
         """Predicts the change of the state in one time step.
@@ -167,52 +148,16 @@ class MLPForwardModel(nn.Module):
         self._check(states, actions)
         return self._after(states, actions)
 
-    def outcomes(self, states: Tensor, candidates: Tensor) -> Outcomes:
-        """Where each candidate `[K, U]` leads from each state `[B, S]`; all are known.
-
-        Raises:
-            ValueError: as `forward`.
-        """
-        columns = self.config.state_dimensions
-        check_rows("states", states, columns, self.candidates)
-        check_rows("candidates", candidates, self.config.action_dimensions, self.candidates)
-        rows, number = len(states), len(candidates)
-        after = self._after(states.repeat_interleave(number, dim=0), candidates.repeat(rows, 1))
-        known = torch.ones(rows, number, dtype=torch.bool, device=states.device)
-        return Outcomes(after.reshape(rows, number, columns), known)
-
-    def select(self, state: Tensor, target: Tensor, candidates: Tensor | None = None) -> Selection:
-        """Chooses the candidate whose predicted state is nearest (Euclidean) to the target.
-
-        Of exactly equal ones the first. It abstains where the spread of the predicted states is
-        under `config.abstain_below`.
-
-        Args:
-            state: `[S]`.
-            target: `[S]`.
-            candidates: `[K, U]`; the config's if left out.
-
-        Raises:
-            ValueError: a tensor of the wrong shape, dtype or device, or not finite.
-        """
-        return select(self, state, target, candidates)
-
-    def command(self, states: Tensor, targets: Tensor) -> Command:
-        """`select` among the config's candidates for each state `[B, S]` and target `[B, S]`.
-
-        Raises:
-            ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite;
-                unequal numbers of rows.
-        """
-        return command(self, states, targets)
+    def outcomes(self, states: Tensor, candidates: Tensor) -> Tensor:
+        """Predicted states `[B, K, S]`, see `CandidateModel`."""
+        repeated = states.repeat_interleave(len(candidates), dim=0)
+        after = self._after(repeated, candidates.repeat(len(states), 1))
+        return after.reshape(len(states), len(candidates), -1)
 
     def command_one(
         self, state: NDArray[np.float32] | Tensor, target: NDArray[np.float32] | Tensor
     ) -> NDArray[np.float32] | None:
         """`command` for one state of a control loop, in microseconds, without tensors.
-
-        Compiled, where the model is in float32 on the CPU; it may choose otherwise than `command`
-        only where two costs, or spread and threshold, agree to float32 rounding.
 
         Args:
             state: `[S]`, float32, an array, or a tensor on the CPU.
@@ -225,16 +170,40 @@ class MLPForwardModel(nn.Module):
             ValueError: a row of the wrong shape, dtype or device, or not finite.
         """
         columns = self.config.state_dimensions
-        state = check_row("state", state, columns)
-        target = check_row("target", target, columns)
-        if self._compiled is None:
-            from pacnet.compiled_mlp import CompiledMLP
+        # Copies, for a kernel is compiled anew for every other layout.
+        start = check_row("state", state, columns).copy()
+        end = check_row("target", target, columns).astype(np.float64)
+        with self._lock:
+            arrays = self._arrays.of(self)
+            if arrays is not None:
+                best, _, _, abstained = kernels().decide(*arrays, start, end)
+                if best >= 0:
+                    return None if abstained else arrays.candidates[best].copy()
+            rows = (torch.from_numpy(row)[None].to(self.candidates) for row in (start, end))
+            action, given = self.command(*rows)  # which refuses what is not finite
+        return action[0].float().numpy(force=True) if bool(given) else None
 
-            self._compiled = CompiledMLP()
-        return self._compiled.command_one(self, state, target)
+    def _choose(self, states: Tensor, targets: Tensor, candidates: Tensor) -> list[Any]:
+        with self._lock:
+            arrays = self._arrays.of(self)
+            if arrays is None:
+                return super()._choose(states, targets, candidates)
+            # Contiguous, for a kernel is compiled anew for every other layout.
+            given = (candidates, states, targets.double())
+            plain = [rows.detach().contiguous().numpy() for rows in given]
+            kernel = functools.partial(kernels().decide, *arrays._replace(candidates=plain[0]))
+            return [kernel(*pair) for pair in zip(*plain[1:], strict=True)]
 
-    def reset(self) -> None:
-        """Does nothing: no episode leaves a trace."""
+    def check_learned(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raises a ValueError if a std is not positive, or the range ends before it begins."""
+        for name in NORMALISERS[1::2]:
+            if bool((tensors[name] <= 0).any()):
+                raise ValueError(f"expected {name} > 0, got {tensors[name].tolist()}")
+        low, high = (tensors[name] for name in RANGE)
+        if bool((low > high).any()):
+            raise ValueError(
+                f"expected state_low ≤ state_high, got {low.tolist()}, {high.tolist()}"
+            )
 
     def fit(
         self,
@@ -276,36 +245,6 @@ class MLPForwardModel(nn.Module):
             with interrupts_held_back():
                 self.load_state_dict(fitted.state_dict())
         return report
-
-    def save_pretrained(self, folder: str | Path) -> None:
-        """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
-
-        Args:
-            folder: made if it is missing; a checkpoint in it is replaced, other files stay.
-
-        Raises:
-            ValueError: a weight or normaliser is not finite; nothing has been written.
-        """
-        save_model(self, asdict(self.config), folder)
-
-    @classmethod
-    def from_pretrained(cls, folder: str | Path) -> MLPForwardModel:
-        """Loads what `save_pretrained` wrote, on the CPU.
-
-        Raises:
-            FileNotFoundError: no checkpoint there.
-            ValueError: a damaged file, an unknown version, the checkpoint of something else, or a
-                missing, extra or misshapen tensor, one of another dtype, or not finite.
-        """
-        fields, tensors = read_model(folder, "MLPForwardModel")
-        model = cls(rebuild_config(MLPForwardModelConfig, fields))
-        load_tensors(model, tensors, like="network.0.weight")
-        for name in ("state_std", "action_std", "change_std"):
-            if bool((model.get_buffer(name) <= 0).any()):
-                raise ValueError(f"expected {name} > 0 in '{folder}', got {tensors[name].tolist()}")
-        if bool((model.state_low > model.state_high).any()):
-            raise ValueError(f"expected state_low ≤ state_high in '{folder}'")
-        return model
 
     def _check(self, states: Tensor, actions: Tensor) -> None:
         check_rows("states", states, self.config.state_dimensions, self.candidates)
@@ -361,7 +300,7 @@ class MLPForwardModel(nn.Module):
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> MLPForwardModel:
         """What `to`, `float` and their like call: normalisers move between devices, undegraded."""
-        exact = {name: self.get_buffer(name) for name in (*_NORMALISERS, *_RANGE)}
+        exact = {name: self.get_buffer(name) for name in (*NORMALISERS, *RANGE)}
         super()._apply(fn, recurse)
         for name, buffer in exact.items():
             moved = self.get_buffer(name)
@@ -376,7 +315,7 @@ def _make_network(config: MLPForwardModelConfig, generator: torch.Generator) -> 
     layers: list[nn.Module] = []
     for width in itertools.pairwise((inputs, *config.hidden, config.state_dimensions)):
         # A layer made in memory at once would draw from the caller's global generator.
-        linear = nn.Linear(*width, device="meta").to_empty(device="cpu")
+        linear = nn.Linear(*width, device="meta").to_empty(device=torch.get_default_device())
         nn.init.orthogonal_(linear.weight, generator=generator)
         nn.init.zeros_(linear.bias)
         layers += [linear, nn.SiLU()]

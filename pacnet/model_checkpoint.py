@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,7 +29,13 @@ def save_model(model: nn.Module, fields: Mapping[str, Any], folder: str | Path) 
     Raises:
         ValueError: a tensor that is not finite; nothing has been written.
     """
-    tensors = model.state_dict()
+    save_tensors(model, fields, model.state_dict(), folder)
+
+
+def save_tensors(
+    model: nn.Module, fields: Mapping[str, Any], tensors: Mapping[str, Tensor], folder: str | Path
+) -> None:
+    """`save_model` of a `state_dict` that was taken before."""
     check_finite(tensors)
     write_checkpoint(folder, {_KIND: type(model).__name__, **fields}, tensors)
 
@@ -64,23 +70,29 @@ def rebuild_config(kind: type[_Config], fields: dict[str, Any]) -> _Config:
 
 
 def load_tensors(model: nn.Module, tensors: dict[str, Tensor], like: str) -> None:
-    """Puts a checkpoint's tensors in the place of the model's own.
+    """Puts a checkpoint's tensors in the place of the model's own; arguments: `check_tensors`.
+
+    Raises:
+        ValueError: as `check_tensors`.
+    """
+    check_tensors(model, tensors, like)
+    model.load_state_dict(tensors)
+
+
+def check_tensors(model: nn.Module, tensors: dict[str, Tensor], like: str) -> None:
+    """Checks that a checkpoint's tensors can take the place of the model's own.
 
     Args:
-        model: takes the float type of the tensor `like` before anything is compared.
+        model: takes the float type of the tensor `like` before anything is compared; it may be on
+            the meta device.
         tensors: by name, as `read_model` gave them.
         like: name of the tensor whose dtype is the model's.
 
     Raises:
         ValueError: a missing, extra or misshapen tensor, one of another dtype, or not finite.
     """
-    kind, expected = type(model).__name__, set(model.state_dict())
-    if expected != set(tensors):
-        missing, extra = expected - set(tensors), set(tensors) - expected
-        raise ValueError(
-            f"expected the tensors of {kind}, "
-            f"got {sorted(missing) or 'none'} missing, {sorted(extra) or 'none'} extra"
-        )
+    kind = type(model).__name__
+    check_names(kind, model.state_dict(), tensors)
     if tensors[like].dtype in _FLOATS:
         model.to(tensors[like].dtype)
     for name, tensor in model.state_dict().items():
@@ -91,7 +103,16 @@ def load_tensors(model: nn.Module, tensors: dict[str, Tensor], like: str) -> Non
                 f"got {got[0]} {list(got[1])}"
             )
     check_finite(tensors)
-    model.load_state_dict(tensors)
+
+
+def check_names(kind: str, expected: Iterable[str], got: Iterable[str]) -> None:
+    """Raises a ValueError unless the tensors of a model of this kind are named alike."""
+    missing, extra = set(expected) - set(got), set(got) - set(expected)
+    if missing or extra:
+        raise ValueError(
+            f"expected the tensors of {kind}, "
+            f"got {sorted(missing) or 'none'} missing, {sorted(extra) or 'none'} extra"
+        )
 
 
 def check_finite(tensors: Mapping[str, Tensor]) -> None:

@@ -5,33 +5,39 @@ Source: Maistros, Marom & Hayes (2001), section "The Integrated System", Figure 
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
 from operator import index
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention import NOBODY, Attention, Lesson, Observation
+from pacnet.acting import Acting, check_nodes
+from pacnet.attention import NOBODY, Attention, Lesson, Observation, ignored
 from pacnet.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.competing_schemas import CompetingSchemas
 from pacnet.competing_schemas_config import CompetingSchemasConfig
+from pacnet.drafts import Lock, adopt, draft_of, short_turns
 from pacnet.engine import Engine
 from pacnet.forward_model import ForwardModel, OneStateForwardModel
-from pacnet.integrity import check_integrity
+from pacnet.integrity import check_forms, check_holds, check_model, check_on_load, part_of
 from pacnet.interrupts import interrupts_held_back
 from pacnet.network_config import PACNetConfig
-from pacnet.recognition import Recognition, Understanding, Watcher
+from pacnet.recognition import Recognition
+from pacnet.rows import check_storage, hand_out_copies
 from pacnet.schemas import NO_EPISODE, MotorSchemas, MotorSchemasConfig
-from pacnet.sequences import Samples
+from pacnet.sequences import Samples, array_of_rows
 from pacnet.sofm import HabituatingSOFM
-from pacnet.validation import batch_of_array, check_rows
+from pacnet.validation import batch_of_array, check_distant, check_rows
 
+FORWARD_MODEL = "forward_model."
 _LAST_EPISODE = 2**63 - 1  # that an int64 holds
-_AT_ONCE = 1024  # samples learned between two chances for a Ctrl-C
 
 
 class Recall(NamedTuple):
@@ -93,12 +99,17 @@ class PACNet(nn.Module):
 
     `recall` gives the motor targets that go with a percept, `act` also turns them into actions.
 
+    One thread may recall and act while another learns: it works on what was known before a call of
+    `attend` or `observe`, or on all that is known after it. A refusal or a Ctrl-C leaves what was
+    known before.
+
     Args:
         config: see `PACNetConfig`.
         forward_model: turns targets into actions: a `PIDController`, an `MLPForwardModel`, a
             `TransitionMatrix`, or anything else that is a `ForwardModel`. It belongs to the body
             and not to what was watched, so checkpoints of the network leave it out.
-        engine: as of `HabituatingSOFM`, for the map and for the motor schemas.
+        engine: as of `HabituatingSOFM`, for the map. Recall runs compiled on the CPU, wherever the
+            network is.
 
     Raises:
         ValueError: a forward model that is none, or no such engine.
@@ -128,9 +139,12 @@ class PACNet(nn.Module):
         self.config = config
         self.forward_model = forward_model
         self.sofm = HabituatingSOFM(config.attention, engine)
-        self.schemas = _make_schemas(config.schemas, engine)
-        self._watcher: Watcher | None = None  # of the episode that is being recognised
+        self.schemas = _make_schemas(config.schemas)
+        self._learning, self.changing = Lock(), Lock()  # the second for no longer than a moment
+        self.acting: Acting | None = None  # what the recall episode in progress works on
         self.register_buffer("episode", torch.tensor(NO_EPISODE))  # the last one observed
+        hand_out_copies(self)
+        check_on_load(self)
 
     @property
     def behaviours(self) -> tuple[str, ...]:
@@ -155,9 +169,10 @@ class PACNet(nn.Module):
         Raises:
             ValueError: wrong shape, dtype or device, empty, or not finite.
         """
-        percepts = self.sofm.scaled(percepts.detach())
-        parts = [self._learn(part, None, NO_EPISODE) for part in percepts.split(_AT_ONCE)]
-        return Observation(*map(torch.cat, zip(*parts, strict=True)))
+        percepts = self.sofm.scaled(percepts).detach()
+        if not self.training:
+            return ignored(self.sofm.read(percepts)).observation
+        return self._learn(percepts)
 
     @torch.no_grad()
     def observe(
@@ -181,32 +196,82 @@ class PACNet(nn.Module):
                 before the last one, or one that goes on with another behaviour; nothing has been
                 learned then.
         """
-        self._check_episode(episode)
-        episode = index(episode)
+        episode = self._check_episode(episode)
         percepts, targets = (rows.detach() for rows in self._check_pair(percepts, targets))
-        self._begin(episode, behaviour)
-        parts = zip(percepts.split(_AT_ONCE), targets.split(_AT_ONCE), strict=True)
-        observations = [self._learn(*part, episode) for part in parts]
-        return Observation(*map(torch.cat, zip(*observations, strict=True)))
-
-    def _begin(self, episode: int, behaviour: str) -> None:
-        """A new learning episode, or the last one going on."""
         if not isinstance(behaviour, str):
             raise ValueError(f"expected behaviour as a str, got {type(behaviour).__name__}")
         if not self.training:
-            return
-        with torch.inference_mode(False), interrupts_held_back():
-            if isinstance(self.schemas, CompetingSchemas):
-                self.schemas.begin(episode, behaviour)
-            self.episode.fill_(episode)
+            return ignored(self.sofm.read(percepts)).observation
+        return self._learn(percepts, targets, episode, behaviour)
 
-    def _learn(self, percepts: Tensor, targets: Tensor | None, episode: int) -> Observation:
-        # Growing inside a caller's inference mode would make buffers nobody can update later; a
-        # Ctrl-C between map and schemas would leave nodes without one.
-        with torch.inference_mode(False), interrupts_held_back():
-            lesson = self.sofm.learn(percepts)
-            if self.training:
-                self._keep(lesson, percepts, targets, episode)
+    def _learn(self, *lesson: Any) -> Observation:
+        with self.learning() as draft:
+            observation = draft.learn_checked(*lesson)
+            with interrupts_held_back(), self.changing:
+                self.adopt(draft)
+        return observation
+
+    @contextmanager
+    def learning(self) -> Iterator[PACNet]:
+        """A draft of this network to learn on, for `adopt`; who learns waits until others have."""
+        # Growing inside a caller's inference mode would make buffers nobody can update later.
+        with self.waiting(), short_turns(), torch.inference_mode(False):
+            with self.changing:  # who reads may be closing the gaps between the schemas' sequences
+                draft = self.draft()
+            yield draft
+
+    def waiting(self) -> AbstractContextManager[object]:
+        """Waits until no other thread learns, and keeps others from it."""
+        return self._learning
+
+    def draft(self) -> PACNet:
+        """A network that learns apart from this one; it shares the forward model."""
+        twin = copy.copy(self)
+        parts = {"sofm": draft_of(self.sofm), "schemas": draft_of(self.schemas)}
+        twin._modules = {**self._modules, **parts}
+        twin._buffers = {"episode": check_storage("episode", self.episode).clone()}
+        return twin
+
+    def adopt(self, draft: PACNet) -> None:
+        """Puts what a draft has learned in the place of what was known; `changing` is held."""
+        acting = None if self.acting is None else Acting(draft.sofm, draft.schemas)
+        adopt(self.sofm, draft.sofm)
+        adopt(self.schemas, draft.schemas)
+        self._buffers["episode"] = draft.episode
+        if acting is not None:
+            acting.follow(self.sofm, self.schemas)
+        self.acting = acting
+
+    def now(self) -> Acting:
+        """What the recall episode works on; a new one, if what was known has changed."""
+        acting, parts = self.acting, self._modules  # as attributes they would take a microsecond
+        if acting is None or not acting.is_of(parts["sofm"], parts["schemas"]):
+            with self.changing:
+                acting = self.acting
+                if acting is None or not acting.is_of(self.sofm, self.schemas):
+                    self.acting = acting = Acting(self.sofm, self.schemas)
+        return acting
+
+    def learn_checked(
+        self,
+        percepts: Tensor,
+        targets: Tensor | None = None,
+        episode: int = NO_EPISODE,
+        behaviour: str = "",
+    ) -> Observation:
+        """`observe` of what is checked and scaled, in place; without targets, `attend`."""
+        check_nodes(self.sofm, self.schemas)
+        self.schemas.check()
+        cues = self.schemas.pool.live("cue")
+        if percepts.dtype != cues.dtype:
+            raise ValueError(f"expected schemas in {percepts.dtype}, as the map, got {cues.dtype}")
+        if targets is not None:
+            self._check_episode(episode)  # again: another thread may have learned one since
+            if isinstance(self.schemas, CompetingSchemas):
+                self.schemas.begin_checked(episode, behaviour)
+            self.episode.fill_(episode)
+        lesson = self.sofm.learn(percepts)
+        self._keep(lesson, percepts, targets, episode)
         return lesson.observation
 
     def _keep(self, lesson: Lesson, percepts: Tensor, targets: Tensor | None, episode: int) -> None:
@@ -248,10 +313,10 @@ class PACNet(nn.Module):
             ValueError: percepts of the wrong shape, dtype or device, empty, or not finite; the
                 recall episode is where it was then.
         """
-        percepts = self.sofm.scaled(percepts)
-        attention = self.sofm.read(percepts)
+        percepts, acting = self.sofm.scaled(percepts), self.now()
+        attention = acting.sofm.read(percepts)
         matching = torch.where(attention.novelty, NOBODY, attention.winner)
-        targets, position, schema = self.schemas.recall_samples(matching, percepts)
+        targets, position, schema = acting.schemas.recall_samples(matching, percepts)
         return Recall(
             targets, position != NOBODY, attention.winner, attention.activation,
             attention.novelty, position, schema,
@@ -264,7 +329,7 @@ class PACNet(nn.Module):
     ) -> Decision:
         """`act`, or without a forward model `recall`, for one percept of a control loop.
 
-        Takes microseconds where the compiled engine runs. Nothing is learned, in no mode.
+        It takes microseconds. Nothing is learned, in no mode.
 
         Args:
             percept: `[D]`, an array or tensor of the network's dtype; arrays are on the CPU. Goes
@@ -275,8 +340,17 @@ class PACNet(nn.Module):
         Raises:
             ValueError: as `act`; the recall episode is where it was then, if it is the percept.
         """
-        seen, scaled = self.sofm.look(percept)
-        recalled = self.schemas.recall_row(NOBODY if seen.novelty else seen.winner, scaled)
+        return self.step_on(self.now(), percept, state)
+
+    def step_on(
+        self,
+        acting: Acting,
+        percept: NDArray[np.float32] | Tensor,
+        state: NDArray[np.float32] | Tensor | None,
+    ) -> Decision:
+        """`step` of a recall episode that `now` gave."""
+        seen, scaled = acting.sofm.look(percept)
+        recalled = acting.schemas.recall_checked(NOBODY if seen.novelty else seen.winner, scaled)
         if recalled is None:
             return Decision(None, None, seen.winner, seen.activation, seen.novelty, -1, NOBODY)
         target, position, schema = recalled
@@ -314,25 +388,25 @@ class PACNet(nn.Module):
             ValueError: one schema a node, or nothing learned yet, so that there is nothing to
                 recognise; percepts of the wrong shape, dtype or device, empty, or not finite.
         """
-        scaled = self.sofm.scaled(percepts)
-        schemas = self.schemas
-        if not isinstance(schemas, CompetingSchemas):
-            raise ValueError(
-                "expected CompetingSchemasConfig to recognise with, got one schema a node"
-            )
-        if self._watcher is None or not self._watcher.is_current:
-            self._watcher = Watcher(schemas)
-        attention = self.sofm.read(scaled)
-        samples = zip(*map(self._watcher.see, scaled), strict=True)
-        understood = Understanding(*map(torch.stack, samples))
+        scaled, acting = self.sofm.scaled(percepts), self.now()
+        watcher = acting.watcher()
+        attention = acting.sofm.read(scaled)
+        rows = map(watcher.see, array_of_rows(scaled))
+        understood = (np.stack(column) for column in zip(*rows, strict=True))
+        probability, behaviour, progress, soon, end, novelty = (
+            torch.from_numpy(column).to(scaled.device) for column in understood
+        )
+        probability, progress, soon, end, novelty = (
+            column.to(scaled.dtype) for column in (probability, progress, soon, end, novelty)
+        )
         return Recognition(
-            understood.probability,
-            understood.behaviour,
-            understood.progress,
-            understood.next_percept / self.sofm.scale,
-            understood.end_percept / self.sofm.scale,
-            understood.novelty,
-            understood.novelty > schemas.config.recognition.novel_above,
+            probability,
+            behaviour,
+            progress,
+            soon / self.sofm.scale,
+            end / self.sofm.scale,
+            novelty,
+            novelty > watcher.novel_above,
             torch.where(attention.novelty, NOBODY, attention.winner),
         )
 
@@ -368,7 +442,8 @@ class PACNet(nn.Module):
     def reset(self) -> None:
         """Starts a new recall episode; what was learned stays."""
         self.schemas.reset()
-        self._watcher = None
+        if self.acting is not None:
+            self.acting.reset()
         if self.forward_model is not None:
             self.forward_model.reset()
 
@@ -382,8 +457,8 @@ class PACNet(nn.Module):
             ValueError: the network's tensors contradict one another; nothing has been written.
         """
         tensors = self.state_dict()  # which closes the gaps between the schemas' sequences
-        self.check_integrity()
-        own = {name: t for name, t in tensors.items() if not name.startswith("forward_model.")}
+        own = {name: t for name, t in tensors.items() if not name.startswith(FORWARD_MODEL)}
+        self.check_state(own)
         write_checkpoint(folder, asdict(self.config), own)
 
     @classmethod
@@ -404,51 +479,70 @@ class PACNet(nn.Module):
             FileNotFoundError: no checkpoint there.
             ValueError: a damaged file, an unknown version, or a missing, extra or misshapen tensor.
         """
-        config, tensors = read_checkpoint(folder)
-        network = cls(PACNetConfig.from_dict(config), engine=engine)
-        expected, got = set(network.state_dict()), set(tensors)
-        if expected != got:
-            missing, extra = sorted(expected - got) or "none", sorted(got - expected) or "none"
-            raise ValueError(
-                f"expected the tensors of a PACNet in '{folder}', "
-                f"got {missing} missing, {extra} extra"
-            )
-        network.to(tensors["sofm.nodes.prototype"].dtype)
-        for name, tensor in network.state_dict().items():
-            if tensors[name].dtype != tensor.dtype:
-                raise ValueError(
-                    f"expected {name} as {tensor.dtype} in '{folder}', got {tensors[name].dtype}"
-                )
+        fields, tensors = read_checkpoint(folder)
+        config = PACNetConfig.from_dict(fields)
         try:
+            check_dimensions(config, tensors, "")  # before memory is taken for them
+            network = cls(config, engine=engine)
+            network.to(tensors["sofm.nodes.prototype"].dtype)
             network.load_state_dict(tensors)
-            network.check_integrity()
-        except (RuntimeError, ValueError) as error:
+        except ValueError as error:
             raise ValueError(f"expected the tensors of a PACNet in '{folder}': {error}") from error
         network.forward_model = forward_model
         return network
 
-    def check_integrity(self) -> None:
-        """Checks that the tensors of a `state_dict` mean something together.
+    def state_dict(self, *args: Any, **kwargs: Any) -> Any:
+        """As of any module; where another thread learns, of before or after it."""
+        with self.changing:
+            return super().state_dict(*args, **kwargs)
 
-        Raises:
-            ValueError: naming the first thing that does not hold.
+    def load_state_dict(
+        self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
+    ) -> Any:
+        """As of any module, all or nothing; what another thread is learning is finished before."""
+        with self.waiting(), self.changing:
+            check_model(self.forward_model, part_of(state_dict, FORWARD_MODEL), strict)
+            return super().load_state_dict(state_dict, strict, assign)
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raises a ValueError unless these tensors, of a `state_dict`, are the state of a network.
+
+        A forward model checks its own.
         """
-        check_integrity(self.sofm, self.schemas)
+        own = {name: t for name, t in tensors.items() if not name.startswith(FORWARD_MODEL)}
+        check_forms(self, own)
+        self.sofm.check_state(part_of(own, "sofm."))
+        self.schemas.check_state(part_of(own, "schemas."))
+        nodes, kept = len(own["sofm.nodes.prototype"]), _nodes_of(self.schemas, own)
+        if nodes != kept:
+            raise ValueError(f"expected motor schemas for each node, got {kept} for {nodes} nodes")
+        last = own.get("schemas.episodes.number", own.get("schemas.blocks.episode"))
+        holds = {"an episode ≥ −1, the last of all": (own["episode"] >= NO_EPISODE)}
+        if last is not None:
+            holds["an episode ≥ −1, the last of all"] &= (last <= own["episode"]).all()
+        check_holds(holds)
 
-    def _check_episode(self, episode: int) -> None:
-        if isinstance(episode, bool) or not hasattr(episode, "__index__"):
+    def _check_episode(self, episode: int) -> int:
+        try:
+            number = None if isinstance(episode, bool) else index(episode)
+        except TypeError:
+            number = None
+        if number is None:
             raise ValueError(f"expected episode as an int, got {type(episode).__name__}")
-        if index(episode) > _LAST_EPISODE:
+        if number > _LAST_EPISODE:
             raise ValueError(f"expected episode ≤ {_LAST_EPISODE}, got {episode}")
-        last = max(0, int(self.episode))
-        if episode < last:
+        last = max(0, int(check_storage("episode", self.episode)))
+        if number < last:
             raise ValueError(f"expected episode ≥ {last}, the last one observed, got {episode}")
+        return number
 
     def _check_pair(self, percepts: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
         """Checks both and hands back scaled percepts `[T, D]` and targets `[T, A]`."""
         percepts = self.sofm.scaled(percepts)
-        dimensions = self.config.schemas.target_dimensions
-        targets = check_rows("targets", targets, dimensions, self.schemas.pool.live("target"))
+        wanted = self.schemas.pool.live("target")  # alone: another thread may be learning
+        if wanted.dim() != 2:
+            raise ValueError(f"expected stored targets [rows, A], got {list(wanted.shape)}")
+        targets = check_distant("targets", targets, wanted.shape[1], wanted)
         if len(percepts) != len(targets):
             raise ValueError(
                 f"expected one target for each of {len(percepts)} percepts, got {len(targets)}"
@@ -456,12 +550,33 @@ class PACNet(nn.Module):
         return percepts, targets
 
 
+def check_dimensions(config: PACNetConfig, tensors: Mapping[str, Tensor], prefix: str) -> None:
+    """Raises a ValueError unless percepts and targets are as long as the config says."""
+    widths = {
+        "sofm.nodes.prototype": config.attention.dimensions,
+        "schemas.pool.cue": config.schemas.percept_dimensions,
+        "schemas.pool.target": config.schemas.target_dimensions,
+    }
+    for name, width in widths.items():
+        tensor = tensors.get(prefix + name)
+        if tensor is None or tuple(tensor.shape[1:]) != (width,):
+            got = "none" if tensor is None else list(tensor.shape)
+            raise ValueError(f"expected {prefix}{name} of shape [rows, {width}], got {got}")
+
+
+def _nodes_of(schemas: MotorSchemas | CompetingSchemas, tensors: Mapping[str, Tensor]) -> int:
+    """How many nodes there are schemas for."""
+    if isinstance(schemas, CompetingSchemas):
+        return int(tensors["schemas.nodes"])
+    return len(tensors["schemas.blocks.length"])
+
+
 def _make_schemas(
-    config: MotorSchemasConfig | CompetingSchemasConfig, engine: Engine
+    config: MotorSchemasConfig | CompetingSchemasConfig,
 ) -> MotorSchemas | CompetingSchemas:
     if isinstance(config, CompetingSchemasConfig):
-        return CompetingSchemas(config, engine)
-    return MotorSchemas(config, engine)
+        return CompetingSchemas(config)
+    return MotorSchemas(config)
 
 
 def _checked_states(states: Tensor, percepts: Tensor) -> Tensor:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet.attention import NOBODY
@@ -41,21 +43,28 @@ class NodeSchemas:
         self.numbers: list[int] = numbers.tolist()
         self._reach = reach
         starts, lengths = schemas.blocks.live("start")[numbers], schemas.lengths[numbers]
-        self._starts, self._lengths = starts, lengths
-        self._blocks = [
-            slice(start, start + length)
-            for start, length in zip(starts.tolist(), lengths.tolist(), strict=True)
-        ]
-        through = schemas.passes.live("schema")[:, None] == numbers  # [passes, K]
-        passes, self._through = through.nonzero().unbind(dim=1)
-        self._first, self._last = _places(schemas, passes, timeline)
-        self._has_before = (self._first % timeline.rows.shape[1] > 0).double()
+        # The first row of each schema and the one behind its last, [K, 2].
+        self._spans = torch.stack([starts, starts + lengths], dim=1).numpy(force=True)
+        place = torch.full((len(schemas.blocks),), NOBODY, device=numbers.device)
+        place[numbers] = torch.arange(len(numbers), device=numbers.device)
+        schema = place[schemas.passes.live("schema")]
+        passes = (schema != NOBODY).nonzero().flatten()
+        schema = schema[passes]
+        first, last = _places(schemas, passes, timeline)
+        # The first and the last place of each pass, and the schema that it passes, [N, 3].
+        self._passes = torch.stack([first, last, schema], dim=1).numpy(force=True)
 
-    @cached_property
-    def _rows(self) -> Tensor:
-        """The rows of each in the pool, `[K, longest]`; the last one stands for those it lacks."""
-        place = torch.arange(int(self._lengths.max()), device=self._starts.device)
-        return self._starts[:, None] + torch.minimum(place, self._lengths[:, None] - 1)
+    def part(self, places: NDArray[np.int64]) -> NodeSchemas:
+        """Some of these, at ascending places `[K ≥ 1]`, each confident however far its cues are."""
+        part = copy.copy(self)
+        part.numbers, part._reach = [self.numbers[place] for place in places.tolist()], math.inf
+        part._spans = np.ascontiguousarray(self._spans[places])
+        place = np.full(len(self.numbers), NOBODY)
+        place[places] = np.arange(len(places))
+        schema = place[self._passes[:, 2]]
+        part._passes = np.ascontiguousarray(self._passes[schema != NOBODY])
+        part._passes[:, 2] = schema[schema != NOBODY]
+        return part
 
     def place_of(self, schema: int) -> int:
         """The place of a schema among the node's own; `NOBODY` where it is none of them."""
@@ -63,9 +72,11 @@ class NodeSchemas:
 
     def rows_of(self, place: int) -> slice:
         """The rows of the pool of the schema at this place."""
-        return self._blocks[place]
+        return slice(*self._spans[place].tolist())
 
-    def confidences(self, distances: Tensor, probability: Tensor) -> Tensor:
+    def confidences(
+        self, distances: NDArray[np.floating], probability: NDArray[np.float64]
+    ) -> NDArray[np.floating]:
         """The probability that what is watched is a pass through each, times how well it fits.
 
         Args:
@@ -74,21 +85,22 @@ class NodeSchemas:
 
         Returns:
             `[K]`, in [0, 1], or `OUT_OF_REACH`.
-        """
-        nearest = distances.take(self._rows).amin(dim=1)
-        confidences = self.watched(probability).to(nearest.dtype).clamp_(max=1) * (-nearest).exp()
-        return confidences.where(nearest <= self._reach, OUT_OF_REACH)
 
-    def watched(self, probability: Tensor) -> Tensor:
-        """The probability that what is watched is a pass through each, `[K]`.
-
-        Args:
-            probability: of every place of every known episode, `[E, P]`.
+        Raises:
+            ValueError: fewer distances or places than there were when this was laid out.
         """
-        until = probability.cumsum(dim=1)
-        before = until.take((self._first - 1).clamp_(min=0)) * self._has_before
-        within = until.take(self._last) - before
-        return within.new_zeros(len(self.numbers)).index_add_(0, self._through, within)
+        from pacnet import recall_kernels  # which brings numba
+
+        confidences = np.empty(len(self.numbers), distances.dtype)
+        fits = recall_kernels.compete(
+            probability.ravel(), self._passes, distances, self._spans, self._reach, confidences
+        )
+        if not fits:
+            raise ValueError(
+                f"expected distances and probabilities of all that is known, got "
+                f"{len(distances)} and {probability.size}"
+            )
+        return confidences
 
 
 def _places(schemas: CompetingSchemas, passes: Tensor, timeline: Timeline) -> tuple[Tensor, Tensor]:
@@ -98,5 +110,6 @@ def _places(schemas: CompetingSchemas, passes: Tensor, timeline: Timeline) -> tu
     first, last = schemas.passes.live("first")[passes], schemas.passes.live("last")[passes]
     first, end = first * places // samples, (last + 1) * places // samples - 1
     last = torch.maximum(end, last * places // samples)  # a sample may span many places or none
-    begin = torch.searchsorted(timeline.episode, episode) * places
+    known = torch.from_numpy(timeline.episode).to(episode.device)
+    begin = torch.searchsorted(known, episode) * places
     return begin + first, begin + last

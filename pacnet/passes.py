@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
 from pacnet.attention import NOBODY
-from pacnet.retraining import OPEN
+from pacnet.integrity import OPEN
 from pacnet.sequences import Samples
 
 if TYPE_CHECKING:

@@ -1,7 +1,4 @@
-"""Recall from schemas that compete, as machine code: distances, the belief, and the confidences.
-
-`CompetingSchemas`, `Belief` and `NodeSchemas` in torch are the specification.
-"""
+"""Recall from motor schemas as machine code: nearest cues, the belief, and the confidences."""
 
 from __future__ import annotations
 
@@ -10,41 +7,105 @@ import math
 import numpy as np
 from numba import njit
 
-from pacnet.distances import ROOM, ROWS, in_whole_vectors, squared_distances
+from pacnet.distances import squared_distances
 from pacnet.engine import announce_compilation
-from pacnet.lanes import store
 from pacnet.node_schemas import OUT_OF_REACH
-from pacnet.pointers import floats
 
 announce_compilation()
 
+_NOBODY = -1  # as in `pacnet.attention`; a literal here, so that it is compiled in
 
-@njit(cache=True, nogil=True)
-def measure(percept, cues, distances):
-    """Writes the distances of a percept `[D]` from cues `[R, D]`, with room for whole blocks."""
-    count, dimensions = cues.shape
-    room = np.zeros(in_whole_vectors(dimensions), np.float32)
-    for d in range(dimensions):
-        room[d] = percept[d]
-    last_block = np.zeros(ROWS * dimensions + ROOM, np.float32)
-    within = (count * dimensions - ROOM) // dimensions - ROWS  # a block reads beyond its own rows
-    rows, seen, out = (
-        floats(cues.ctypes.data),
-        floats(room.ctypes.data),
-        floats(distances.ctypes.data),
-    )
-    for place in range(0, count, ROWS):
-        block_of, at = rows, place * dimensions
-        if place > within:
-            for k in range(min(ROWS, count - place) * dimensions):
-                last_block[k] = rows[at + k]
-            block_of, at = floats(last_block.ctypes.data), 0
-        store(out, place, squared_distances(seen, block_of, at, dimensions, np.float32(np.inf)))
+
+@njit(cache=True)
+def recall(  # noqa: C901 - checks and loops, none of them deep
+    nodes, percepts, start, length, cue, target, nearest_cues, targets, positions
+):
+    """Writes targets `[T, A]` and positions `[T]` of percepts `[T, D]` and their winners.
+
+    Args:
+        nodes: the winners, or nobody, `[T]`.
+        percepts: finite, of the cues' dtype, `[T, D]`.
+        start: the first row of each node's sequence, `[N]`.
+        length: how many rows it has, `[N]`.
+        cue: the cues' dimensions, `[D, R]`.
+        target: `[R, A]`.
+        nearest_cues: over how many of the nearest cues a target is averaged.
+        targets: where to write; left as it is where there is no winner, or it has no targets.
+        positions: where to write; −1 there.
+
+    Returns:
+        Whether all of these lie within one another; if not, it came back early.
+    """
+    longest = 0
+    for node in nodes:
+        if node != _NOBODY:
+            if not 0 <= node < len(length):
+                return False
+            longest = max(longest, length[node])
+    rows = cue.shape[1]
+    if longest > rows or percepts.shape[1] != len(cue) or len(target) < rows:
+        return False
+    distances = np.empty(longest, cue.dtype)
+    for sample in range(len(nodes)):
+        node, positions[sample] = nodes[sample], _NOBODY
+        if node == _NOBODY or length[node] == 0:
+            continue
+        first, count = start[node], length[node]
+        if not (0 <= first <= first + count <= rows):
+            return False
+        nearest, _ = squared_distances(percepts, sample, cue, first, count, distances)
+        positions[sample] = nearest
+        if nearest_cues == 1:
+            for column in range(target.shape[1]):
+                targets[sample, column] = target[first + nearest, column]
+            continue
+        _average(distances, count, min(nearest_cues, count), first, target, targets, sample)
+    return True
+
+
+@njit(fastmath=True)
+def _average(distances, count, number, first, target, targets, sample):  # noqa: C901 - loops
+    """Writes the mean of the targets with the nearest cues; of equally near ones the first count.
+
+    The limit up to which they are near is found by bisection: to count a dozen times, side by side
+    in vector registers, is faster than to sort.
+    """
+    farthest = distances[0]
     for place in range(count):
-        distances[place] = math.sqrt(distances[place])
+        farthest = max(farthest, distances[place])
+    half, low, high = np.float32(0.5), -np.float32(1), farthest
+    within = number if number == count else -1
+    while within != number:
+        middle = low + (high - low) * half
+        if not low < middle < high:
+            break  # all beyond `low` are equally near
+        few = np.float32(0)  # a float32, which takes no more room in a vector register
+        for place in range(count):
+            few += np.float32(1) if distances[place] <= middle else np.float32(0)
+        within = int(few)
+        if within < number:
+            low = middle
+        else:
+            high = middle
+    few = np.float32(0)
+    for place in range(count):
+        few += np.float32(1) if distances[place] <= low else np.float32(0)
+    left, near, found = number - int(few), np.empty(number, np.int64), 0
+    for place in range(count):
+        if distances[place] <= high and found < number:
+            beyond = distances[place] > low
+            if not beyond or left > 0:
+                left -= beyond
+                near[found] = place
+                found += 1
+    for column in range(target.shape[1]):
+        total = 0.0
+        for place in near[:found]:
+            total += target[first + place, column]
+        targets[sample, column] = total / found
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def move_on(probability, advance, ahead):
     """Writes the belief one sample on, `[E, P]`, from that of now and the chances `[E, K]`."""
     episodes, places = probability.shape
@@ -60,20 +121,28 @@ def move_on(probability, advance, ahead):
     _normalise(ahead)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def weigh(ahead, start, restart, rows, distances, width, mismatch, probability):
-    """Writes the belief `[E, P]` after a percept, from the one before it and distances `[R]`."""
+    """Writes the belief `[E, P]` after a percept, from the one before it and distances `[R]`.
+
+    Returns:
+        Whether there is a distance for each of the rows.
+    """
     episodes, places = rows.shape
+    for row in rows.flat:
+        if not 0 <= row < len(distances):
+            return False
     for episode in range(episodes):
         for place in range(places):
             apart = np.float64(distances[rows[episode, place]]) / width
             expected = restart * start[episode, place] + (1 - restart) * ahead[episode, place]
             probability[episode, place] = (math.exp(-apart * apart / 2) + mismatch) * expected
     _normalise(probability)
+    return True
 
 
-@njit(cache=True, nogil=True)
-def compete(probability, passes, distances, spans, reach, confidences):
+@njit(cache=True)
+def compete(probability, passes, distances, spans, reach, confidences):  # noqa: C901 - likewise
     """Writes the confidences `[K]` of schemas.
 
     Args:
@@ -83,11 +152,21 @@ def compete(probability, passes, distances, spans, reach, confidences):
         spans: the first row of each schema and the one behind its last, `[K, 2]`.
         reach: distance from its nearest row beyond which a schema does not compete.
         confidences: where to write.
+
+    Returns:
+        Whether all of these lie within one another.
     """
+    for number in range(len(passes)):
+        first, last, schema = passes[number, 0], passes[number, 1], passes[number, 2]
+        if not (first >= 0 and last < len(probability) and 0 <= schema < len(spans)):
+            return False
+    for schema in range(len(spans)):
+        if not 0 <= spans[schema, 0] <= spans[schema, 1] <= len(distances):
+            return False
     watched = np.zeros(len(spans), np.float64)
     for number in range(len(passes)):
-        first, last, schema = passes[number]
-        for place in range(first, last + 1):
+        schema = passes[number, 2]
+        for place in range(passes[number, 0], passes[number, 1] + 1):
             watched[schema] += probability[place]
     for schema in range(len(spans)):
         nearest = np.float32(np.inf)
@@ -96,6 +175,7 @@ def compete(probability, passes, distances, spans, reach, confidences):
         confidences[schema] = min(watched[schema], 1.0) * math.exp(-nearest)
         if nearest > reach:
             confidences[schema] = OUT_OF_REACH
+    return True
 
 
 @njit

@@ -7,12 +7,16 @@ with what it sees, and nothing is done.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet.competing_schemas import CompetingSchemas
+from pacnet.sequences import array_of_rows
 
 _BIAS_RATE = 0.2  # per sample, at which the difference from the known episodes is followed
 
@@ -41,19 +45,22 @@ class Recognition(NamedTuple):
 class Understanding(NamedTuple):
     """What was understood of one percept; as `Recognition`, in the map's scaled units."""
 
-    probability: Tensor  # [B]
-    behaviour: Tensor
-    progress: Tensor
-    next_percept: Tensor  # [D]
-    end_percept: Tensor  # [D]
-    novelty: Tensor
+    probability: NDArray[np.floating]  # [B]
+    behaviour: int
+    progress: float
+    next_percept: NDArray[np.floating]  # [D]
+    end_percept: NDArray[np.floating]  # [D]
+    novelty: float
 
 
 class Watcher:
-    """Follows one episode.
+    """Follows one episode, by what was known when it began.
 
     Args:
         schemas: by which the robot would act; at least one.
+
+    Attributes:
+        novel_above: the novelty over which a percept is called novel.
     """
 
     def __init__(self, schemas: CompetingSchemas) -> None:
@@ -63,49 +70,47 @@ class Watcher:
                 "expected a network that has learned schemas, got one without any: no node has "
                 "habituated and kept targets; show it more, or look at SOFMConfig.scale"
             )
-        self._schemas = schemas
-        self._recall, self._belief, self._timeline = recall, recall.belief, recall.timeline
-        self._kinds = schemas.episodes.live("behaviour")[recall.timeline.episode]  # [E]
-        self._bias = schemas.pool.live("cue").new_zeros(schemas.config.percept_dimensions)
+        recall.schemas.check()
+        self._recall, self._belief, timeline = recall, recall.belief, recall.timeline
+        known = torch.from_numpy(timeline.episode)
+        episodes = recall.schemas.episodes
+        self._behaviours = len(schemas.behaviours)
+        self._kinds = episodes.live("behaviour").cpu()[known].numpy()  # [E]
+        self._last = array_of_rows(episodes.live("last_cue").cpu()[known])  # [E, D]
+        self._bias = np.zeros(self._last.shape[1], self._last.dtype)
+        self.novel_above = schemas.config.recognition.novel_above
 
-    @property
-    def is_current(self) -> bool:
-        """Whether nothing was learned since."""
-        return self._schemas.timeline() is self._timeline
-
-    def see(self, percept: Tensor) -> Understanding:
+    def see(self, percept: NDArray[np.floating]) -> Understanding:
         """Takes one percept in, `[D]`, scaled."""
         distances = self._recall.distances(percept)
         self._belief.update(distances)
-        probability = self._belief.probability.new_zeros(len(self._schemas.behaviours))
-        probability.index_add_(0, self._kinds, self._belief.of_episodes())
-        behaviour = probability.argmax()
+        of_episodes = self._belief.of_episodes()
+        probability = np.bincount(self._kinds, of_episodes, minlength=self._behaviours)
+        behaviour = int(probability.argmax())
 
         # The rest is about the most probable behaviour alone: no mean of two different futures.
         ours = (self._kinds == behaviour)[:, None]
         now = _normalised(self._belief.probability * ours)  # [E, P]
         soon = _normalised(self._belief.ahead() * ours)
-        middle = (torch.arange(now.shape[1], device=now.device) + 0.5) / now.shape[1]
-        last = self._schemas.episodes.live("last_cue")[self._timeline.episode]
+        middle = (np.arange(now.shape[1]) + 0.5) / now.shape[1]
         # What sets this episode apart from the known ones lasts for more than a sample.
         apart = percept - self._expected(now) - self._bias
-        self._bias = self._bias + _BIAS_RATE * apart  # not in place: see `torch.inference_mode`
+        self._bias = self._bias + _BIAS_RATE * apart
         return Understanding(
-            probability.to(percept.dtype),
+            probability.astype(percept.dtype),
             behaviour,
-            (now.sum(dim=0) @ middle.to(now.dtype)).to(percept.dtype),
+            float(now.sum(axis=0) @ middle),
             self._expected(soon) + self._bias,
-            now.sum(dim=1).to(last.dtype) @ last,
-            1 - torch.exp(-distances.amin()),
+            now.sum(axis=1).astype(self._last.dtype) @ self._last,
+            1 - math.exp(-distances.min()),
         )
 
-    def _expected(self, probability: Tensor) -> Tensor:
+    def _expected(self, probability: NDArray[np.float64]) -> NDArray[np.floating]:
         """The mean cue `[D]` over places of the timeline `[E, P]`."""
-        cues = self._schemas.pool.live("cue")
-        of_row = probability.new_zeros(len(cues))
-        of_row.index_add_(0, self._timeline.rows.flatten(), probability.flatten())
-        return of_row.to(cues.dtype) @ cues
+        cues, rows = self._recall.cues, self._recall.timeline.rows
+        of_row = np.bincount(rows.ravel(), probability.ravel(), minlength=len(cues))
+        return of_row.astype(cues.dtype) @ cues
 
 
-def _normalised(probability: Tensor) -> Tensor:
+def _normalised(probability: NDArray[np.float64]) -> NDArray[np.float64]:
     return probability / probability.sum()

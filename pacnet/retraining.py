@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from pacnet.integrity import OPEN
+from pacnet.sequences import in_single
+
 if TYPE_CHECKING:
     from pacnet.competing_schemas import CompetingSchemas
-
-OPEN = 0
-"""Support of a schema whose episode is not over."""
 
 _SMOOTHEST = 1e-4  # [units of a target] roughness below which smoother is not better
 _FAR_WORSE = 0.5  # a sequence that compares worse is a stub: it stays behind when the others renew
@@ -106,7 +106,7 @@ class _Known:
         self.support: list[int] = schemas.blocks.live("support").tolist()
         self.fresh = [schema for schema, seen in enumerate(self.support) if seen == OPEN]
         self._schemas = schemas
-        self._after = schemas.blocks.live("continuation")
+        self._after = in_single(schemas.blocks.live("continuation"))
         self._alike = self._perhaps_alike()
         self._distances: dict[tuple[int, int], float] = {}
         self._qualities: dict[int, Quality] = {}
@@ -152,7 +152,7 @@ class _Known:
         """How unlike two schemas are, in scaled units: their cues, or what came after them."""
         if (one, other) not in self._distances:
             cues = self._schemas.cues(one), self._schemas.cues(other)
-            shorter, longer = sorted(cues, key=len)
+            shorter, longer = sorted(map(in_single, cues), key=len)
             apart = torch.cdist(shorter, longer).amin(dim=1).mean()
             after = torch.linalg.vector_norm(self._after[one] - self._after[other])
             self._distances[one, other] = float(torch.maximum(apart, after))

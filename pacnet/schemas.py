@@ -6,8 +6,9 @@ its cue, the percept it was shown with, so that recall can keep pace with what i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -15,19 +16,23 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.attention import NOBODY
-from pacnet.engine import Engine, check_engine, runs_compiled
+from pacnet.drafts import Tensors
+from pacnet.integrity import check_forms, check_holds, check_on_load, sequences_hold
 from pacnet.sequences import (
     NUMBER,
     RecalledRow,
-    RecalledTarget,
-    RecalledTargets,
+    RecalledRows,
     Samples,
     Sequences,
+    array_of_rows,
 )
-from pacnet.validation import check_fields, check_rows, is_integer
-
-if TYPE_CHECKING:
-    from pacnet.compiled_schemas import CompiledSchemas
+from pacnet.validation import (
+    batch_of_one,
+    check_fields,
+    check_number,
+    check_numbers,
+    is_integer,
+)
 
 NO_EPISODE = -1
 """The episode of a schema that was never written."""
@@ -73,40 +78,46 @@ class MotorSchemas(Sequences):
 
     Args:
         config: see `MotorSchemasConfig`.
-        engine: as of `HabituatingSOFM`; what is compiled is recall by cue.
-
-    Raises:
-        ValueError: no such engine. With `compiled`, recall raises it where it cannot run.
     """
 
-    def __init__(self, config: MotorSchemasConfig, engine: Engine = "auto") -> None:
+    def __init__(self, config: MotorSchemasConfig) -> None:
         super().__init__(config.target_dimensions, config.percept_dimensions, {"episode": NUMBER})
-        check_engine(engine)
         self.config = config
-        self.engine: Engine = engine
-        self._compiled: CompiledSchemas | None = None
+        self._cache: tuple[Tensors, tuple[NDArray[Any], ...], Any] | None = None
+        self._positions: dict[int, int] = {}  # of nodes that have won in this recall episode
         self.register_load_state_dict_post_hook(_start_recall_afresh)
-        self.reset()
+        check_on_load(self)
 
     def __len__(self) -> int:
         """The number of nodes."""
         return len(self.blocks)
 
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raises a ValueError unless these tensors, of a `state_dict`, are the state of schemas."""
+        check_forms(self, tensors)
+        check_holds(sequences_hold(tensors))
+        check_holds({"episodes ≥ −1": (tensors["blocks.episode"] >= NO_EPISODE).all()})
+
     def reset(self) -> None:
         """Starts a recall episode: every position is forgotten."""
-        self._positions: dict[int, int] = {}  # of nodes that have won in this episode
+        self._positions.clear()
 
     def add_node(self) -> int:
         """Adds a node with an empty sequence and returns its number."""
         return self.blocks.append({"start": 0, "length": 0, "room": 0, "episode": NO_EPISODE})
 
     def delete(self, nodes: Tensor) -> None:
-        """Deletes nodes, int64 `[K]`, with their targets; the later ones move down.
+        """Deletes nodes, int64 `[K]` ascending, with their targets; the later ones move down.
 
         Their numbers change, so a recall episode in progress starts afresh.
+
+        Raises:
+            ValueError: not ascending, or no such nodes.
         """
+        check_numbers("nodes", nodes, len(self))
+        self.blocks.check()
         self.blocks.delete(nodes)
-        self.reset()
+        self._positions = {}
 
     @torch.no_grad()
     def write(
@@ -122,12 +133,13 @@ class MotorSchemas(Sequences):
             habituated: whether the winner is fully habituated.
 
         Raises:
-            ValueError: no such node, or a target or cue of the wrong shape, dtype or device, or
-                not finite; nothing has been written then.
+            ValueError: no such node or episode, or a target or cue of the wrong shape, dtype or
+                device, not finite or too large; nothing has been written then.
         """
-        self._check_node(node)
-        check_rows("targets", target[None], self.config.target_dimensions, self.pool.live("target"))
-        check_rows("cues", cue[None], self.config.percept_dimensions, self.pool.live("cue"))
+        node = check_number("a node", node, len(self))
+        episode = check_number("an episode", episode, 2**63)
+        self.check_pair(batch_of_one(target), batch_of_one(cue))
+        self.check()
         if self.training and habituated:
             nodes, counts = self.lengths.new_tensor([[node], [1]])
             self._write(nodes, counts, target[None], cue[None], episode)
@@ -152,82 +164,75 @@ class MotorSchemas(Sequences):
         # Rule 2: the same learning episode. The targets are appended.
         self.append_each(nodes, counts, {"target": targets, "cue": cues})
 
-    @torch.no_grad()
-    def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
-        """The current target of the winner, and its position in the sequence.
+    def recall_checked(self, node: int, percept: NDArray[np.floating]) -> RecalledRow | None:
+        """The current target of a winner, and its position in the sequence.
 
         With `recall_by="cue"` the position is that of the cue nearest to the percept, of exactly
         equal ones the first, and the target the mean over the `nearest_cues` nearest, or over all
         if there are fewer. With `recall_by="order"` it starts at the first target and advances
         by one while the node keeps winning; a node re-entered within the episode goes on where it
         was, and off the end the last target stays. `reset` starts a new episode.
-
-        Args:
-            node: the winner, or `NOBODY`.
-            percept: `[D]`, scaled.
-
-        Returns:
-            The target, or None if the node has none.
-
-        Raises:
-            ValueError: no such node.
         """
-        if node == NOBODY:
-            return None
-        self._check_node(node)
-        targets = self.targets(node)
+        if self.config.recall_by == "order":
+            return self._recall_by_order(node)
+        arrays, kernel = self._looked_up()
+        target, position = np.empty((1, arrays[3].shape[1]), arrays[3].dtype), np.empty(1, np.int64)
+        self._recall_by_cue(kernel, arrays, np.array([node]), percept[None], target, position)
+        place = position.item()
+        return None if place < 0 else RecalledRow(target[0], place, node)
+
+    def recall_all(self, nodes: NDArray[np.int64], percepts: NDArray[np.floating]) -> RecalledRows:
+        """See `Sequences.recall_all`."""
+        if self.config.recall_by == "order":
+            return super().recall_all(nodes, percepts)
+        arrays, kernel = self._looked_up()
+        targets = np.full((len(nodes), arrays[3].shape[1]), np.nan, arrays[3].dtype)
+        positions = np.full(len(nodes), NOBODY)
+        self._recall_by_cue(kernel, arrays, nodes, percepts, targets, positions)
+        return RecalledRows(targets, positions, np.where(positions < 0, NOBODY, nodes))
+
+    def hold_still(self) -> None:
+        """What recall has looked up is not compared with the buffers again: they do not change."""
+        if self.config.recall_by == "cue":
+            self._cache = Tensors(), *self._looked_up()
+
+    def _recall_by_order(self, node: int) -> RecalledRow | None:
+        targets = [] if node == NOBODY else self.targets(node)
         if len(targets) == 0:
             return None
-        if self.config.recall_by == "cue":
-            return self._recall_by_cue(node, percept, targets)
         position = min(self._positions.get(node, -1) + 1, len(targets) - 1)
         self._positions[node] = position
-        return RecalledTarget(targets[position].clone(), position, node)
+        return RecalledRow(array_of_rows(targets[position].clone()), position, node)
 
-    @torch.no_grad()
-    def recall_samples(self, nodes: Tensor, percepts: Tensor) -> RecalledTargets:
-        """`recall` for winners, or `NOBODY`, int64 `[T]`, and scaled percepts `[T, D]`."""
-        compiled = self._compiled_recall()
-        if compiled is None:
-            return super().recall_samples(nodes, percepts)
-        if int(nodes.max()) != NOBODY:
-            self._check_node(int(nodes.max()))
-        target, position = compiled.recall(nodes, percepts)
-        return RecalledTargets(target, position, nodes.where(position != NOBODY, NOBODY))
+    def _recall_by_cue(
+        self,
+        kernel: Any,
+        arrays: tuple[NDArray[Any], ...],
+        nodes: NDArray[np.int64],
+        percepts: NDArray[np.floating],
+        targets: NDArray[np.floating],
+        positions: NDArray[np.int64],
+    ) -> None:
+        """Writes targets `[T, A]` and positions `[T]`, −1 where there is no target."""
+        rows = arrays[2].shape[1]
+        number = min(self.config.nearest_cues, rows)
+        if not kernel(nodes, percepts, *arrays, number, targets, positions):
+            raise ValueError(f"expected sequences within the {rows} rows of the pool")
 
-    def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
-        """`recall` for a scaled percept `[D]` that is no tensor."""
-        compiled = self._compiled_recall()
-        if compiled is None:
-            return super().recall_row(node, percept)
-        if node == NOBODY:
-            return None
-        self._check_node(node)
-        recalled = compiled.recall_one(node, percept)
-        return None if recalled is None else RecalledRow(*recalled, node)
+    def _looked_up(self) -> tuple[tuple[NDArray[Any], ...], Any]:
+        """Where sequences start, how long they are, cues and targets; and the kernel."""
+        if self._cache is None or not self._cache[0].are_current():
+            from pacnet import recall_kernels  # which brings numba
 
-    def _compiled_recall(self) -> CompiledSchemas | None:
-        """The compiled engine, or None where the eager one runs."""
-        compiled = self._compiled
-        if compiled is not None and compiled.is_current(self.config):
-            return compiled
-        if not runs_compiled(self.engine, self.pool.get_buffer("target")):
-            return None
-        if self.config.recall_by == "order":
-            return None
-        from pacnet.compiled_schemas import CompiledSchemas
+            self.blocks.check()
+            own = (self.blocks.live(name).numpy(force=True) for name in ("start", "length"))
+            arrays = *own, np.ascontiguousarray(self.arrays("cue").T), self.arrays("target")
+            self._cache = Tensors(self.pool, self.blocks), arrays, recall_kernels.recall
+        return self._cache[1], self._cache[2]
 
-        self._compiled = CompiledSchemas(self)
-        return self._compiled
-
-    def _recall_by_cue(self, node: int, percept: Tensor, targets: Tensor) -> RecalledTarget:
-        distance = (self.cues(node) - percept).square().sum(dim=1)  # [L], squared
-        nearest = distance.argsort(stable=True)[: self.config.nearest_cues]
-        return RecalledTarget(targets[nearest].mean(dim=0), int(nearest[0]), node)
-
-    def _check_node(self, node: int) -> None:
-        if not 0 <= node < len(self):
-            raise ValueError(f"expected a node from 0 to {len(self) - 1}, got {node}")
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy looks up its own tensors."""
+        return {**self.__dict__, "_cache": None}
 
 
 def _start_recall_afresh(schemas: nn.Module, _incompatible_keys: object) -> None:

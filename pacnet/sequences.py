@@ -7,7 +7,7 @@ that compete (`CompetingSchemas`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from pacnet.attention import NOBODY
 from pacnet.rows import Column, GrowableRows
+from pacnet.validation import batch_of_one, check_distant, check_number
 
 NUMBER = Column((), torch.int64)
 """A column of integers."""
@@ -47,9 +48,17 @@ class RecalledTarget(NamedTuple):
 class RecalledRow(NamedTuple):
     """The same as a `RecalledTarget`, for a control loop."""
 
-    target: NDArray[np.float32]  # [A]
+    target: NDArray[np.floating]  # [A]
     position: int
     schema: int
+
+
+class RecalledRows(NamedTuple):
+    """The current targets at T samples; NaN, −1 and `NOBODY` where there is none."""
+
+    target: NDArray[np.floating]  # [T, A]
+    position: NDArray[np.int64]  # [T]
+    schema: NDArray[np.int64]  # [T]
 
 
 class RecalledTargets(NamedTuple):
@@ -107,32 +116,116 @@ class Sequences(nn.Module):
         """The percepts, in the map's scaled units, that the targets were shown with, `[L, D]`."""
         return self._rows("cue", sequence)
 
+    @torch.no_grad()
     def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
-        """The current target at a sample; what it is, each kind of schemas decides."""
-        raise NotImplementedError
+        """The current target of the winner; how it is found, each kind of schemas says.
 
-    def recall_samples(self, nodes: Tensor, percepts: Tensor) -> RecalledTargets:
-        """`recall` for winners, or `NOBODY`, int64 `[T]`, and scaled percepts `[T, D]`."""
-        targets = self.pool.live("target")
-        target = targets.new_full((len(nodes), targets.shape[1]), torch.nan)
-        position = torch.full_like(nodes, NOBODY)
-        schema = position.clone()
-        for sample, node in enumerate(nodes.tolist()):
-            recalled = self.recall(node, percepts[sample])
-            if recalled is not None:
-                target[sample], position[sample], schema[sample] = recalled
-        return RecalledTargets(target, position, schema)
+        Args:
+            node: the winner, or `NOBODY`.
+            percept: `[D]`, scaled.
 
-    def recall_row(self, node: int, percept: NDArray[np.float32]) -> RecalledRow | None:
-        """`recall` for a scaled percept `[D]` that is no tensor."""
-        recalled = self.recall(node, torch.from_numpy(percept).to(self.pool.live("cue")))
+        Returns:
+            The target, with its place in its sequence; None if there is none.
+
+        Raises:
+            ValueError: no such node, or a percept of the wrong shape, dtype or device, or not
+                finite.
+        """
+        node = self._check_winner(node)
+        check_distant("percept", batch_of_one(percept), *self._like_a_cue())
+        recalled = self.recall_checked(node, array_of_rows(percept))
         if recalled is None:
             return None
-        return RecalledRow(recalled.target.numpy(force=True), recalled.position, recalled.schema)
+        target, position, schema = recalled
+        return RecalledTarget(torch.from_numpy(target).to(percept), position, schema)
+
+    @torch.no_grad()
+    def recall_samples(self, nodes: Tensor, percepts: Tensor) -> RecalledTargets:
+        """`recall` for winners, or `NOBODY`, int64 `[T]`, and scaled percepts `[T, D]`.
+
+        Raises:
+            ValueError: no such node, not a percept for each, or a bad one.
+        """
+        check_distant("percepts", percepts, *self._like_a_cue())
+        if not isinstance(nodes, Tensor) or nodes.shape != (len(percepts),):
+            got = list(nodes.shape) if isinstance(nodes, Tensor) else type(nodes).__name__
+            raise ValueError(f"expected a node for each of {len(percepts)} percepts, got {got}")
+        if nodes.dtype != torch.int64 or nodes.layout != torch.strided:
+            raise ValueError(f"expected nodes as torch.int64, got {nodes.dtype} {nodes.layout}")
+        self._check_winner(int(nodes.min()))
+        self._check_winner(int(nodes.max()))
+        recalled = self.recall_all(nodes.numpy(force=True), array_of_rows(percepts))
+        return RecalledTargets(
+            torch.from_numpy(recalled.target).to(percepts),
+            *(torch.from_numpy(number).to(percepts.device) for number in recalled[1:]),
+        )
+
+    def recall_all(self, nodes: NDArray[np.int64], percepts: NDArray[np.floating]) -> RecalledRows:
+        """`recall_samples` of arrays that are checked."""
+        targets = np.full((len(nodes), self.pool.live("target").shape[1]), np.nan, percepts.dtype)
+        positions, schemas = np.full((2, len(nodes)), NOBODY)
+        for sample, node in enumerate(nodes.tolist()):
+            recalled = self.recall_checked(node, percepts[sample])
+            if recalled is not None:
+                targets[sample], positions[sample], schemas[sample] = recalled
+        return RecalledRows(targets, positions, schemas)
+
+    def recall_checked(self, node: int, percept: NDArray[np.floating]) -> RecalledRow | None:
+        """`recall` for a winner and a scaled percept `[D]` that are checked."""
+        raise NotImplementedError
+
+    def arrays(self, column: str) -> NDArray[Any]:
+        """A column of the pool as an array; of the same memory, if that is possible.
+
+        Raises:
+            ValueError: buffers that contradict one another.
+        """
+        self.pool.check()
+        return array_of_rows(self.pool.live(column))
+
+    def check(self) -> None:
+        """Checks what a user may have done to the buffers, before anything relies on them.
+
+        Raises:
+            ValueError: as `GrowableRows.check`, or sequences that lie outside of the pool.
+        """
+        for rows in self.children():
+            if isinstance(rows, GrowableRows):
+                rows.check()
+        types = {buffer.dtype for buffer in self.buffers() if buffer.is_floating_point()}
+        if len(types) > 1:
+            raise ValueError(f"expected columns of one floating-point type, got {types}")
+        start, length, room = (self.blocks.live(name) for name in ("start", "length", "room"))
+        inside = (start >= 0) & (length >= 0) & (room >= length) & (room <= len(self.pool) - start)
+        if not bool(inside.all()):
+            raise ValueError(f"expected sequences within the {len(self.pool)} rows of the pool")
+
+    def check_pair(self, targets: object, cues: object) -> None:
+        """Raises a ValueError unless these are targets `[T, A]` and scaled cues `[T, D]`."""
+        self.pool.check()
+        wanted = self.pool.live("target")
+        check_distant("targets", targets, wanted.shape[1], wanted)
+        check_distant("cues", cues, *self._like_a_cue())
+
+    def _like_a_cue(self) -> tuple[int, Tensor]:
+        self.check()
+        cues = self.pool.live("cue")
+        return cues.shape[1], cues
+
+    def _check_winner(self, node: int) -> int:
+        return check_number("a node", node, len(self), NOBODY, f", {NOBODY} for none")
+
+    def __len__(self) -> int:
+        """The number of nodes."""
+        raise NotImplementedError
 
     def _rows(self, column: str, sequence: int) -> Tensor:
+        sequence = check_number("a schema", sequence, len(self.blocks))
         start, length = int(self.blocks.live("start")[sequence]), int(self.lengths[sequence])
-        return self.pool.live(column)[start : start + length]
+        rows = self.pool.live(column)
+        if not 0 <= start <= start + length <= len(rows):
+            raise ValueError(f"expected schema {sequence} within the {len(rows)} rows of the pool")
+        return rows[start : start + length]
 
     def append_each(self, sequences: Tensor, counts: Tensor, rows: Mapping[str, Tensor]) -> None:
         """Appends rows to several sequences.
@@ -142,6 +235,8 @@ class Sequences(nn.Module):
             counts: how many rows each gets, int64 `[N]`.
             rows: of each column a tensor `[sum of counts, ...]`, one sequence after the other.
         """
+        if len(self.pool) > 4 * max(8, int(self.blocks.live("room").sum())):
+            close_gaps(self)  # before anything is told by how much room there is
         lengths = self.lengths[sequences]
         full = lengths + counts > self.blocks.live("room")[sequences]
         if bool(full.any()):
@@ -153,8 +248,6 @@ class Sequences(nn.Module):
 
     def _make_room(self, sequences: Tensor, wanted: Tensor) -> None:
         """Moves sequences to the pool's end, each into a block of at least twice the room."""
-        if len(self.pool) > 4 * max(8, int(self.blocks.live("room").sum())):
-            close_gaps(self)
         lengths = self.lengths[sequences]
         room = torch.maximum(2 * lengths, wanted).clamp(min=8)
         start = self.pool.extend(int(room.sum())) + room.cumsum(0) - room
@@ -164,6 +257,16 @@ class Sequences(nn.Module):
             column[new] = column[old]
         self.blocks.live("start")[sequences] = start
         self.blocks.live("room")[sequences] = room
+
+
+def in_single(rows: Tensor) -> Tensor:
+    """Half precision in float32, for what cannot be computed in it; all other rows as they are."""
+    return rows.float() if rows.dtype in (torch.half, torch.bfloat16) else rows
+
+
+def array_of_rows(rows: Tensor) -> NDArray[Any]:
+    """Rows as a contiguous array, of the same memory if they are that; half precision in single."""
+    return in_single(rows.detach()).contiguous().numpy(force=True)
 
 
 def rows_of(starts: Tensor, counts: Tensor) -> Tensor:
@@ -181,11 +284,21 @@ def rows_of(starts: Tensor, counts: Tensor) -> Tensor:
 def close_gaps(sequences: nn.Module, *_: object) -> None:
     """Lays the sequences end to end in the order of their numbers; what they hold stays.
 
-    Rows of the pool are numbered anew, and none is left that belongs to no sequence.
+    Rows of the pool are numbered anew, and none is left that belongs to no sequence. They move to
+    other memory, unless there is no gap.
+
+    Raises:
+        ValueError: buffers that contradict one another.
     """
     assert isinstance(sequences, Sequences)
-    blocks = sequences.blocks
+    Sequences.check(sequences)  # of more, nothing may hold while an episode is being learned
+    blocks, pool = sequences.blocks, sequences.pool
     lengths = blocks.live("length")
-    sequences.pool.keep(rows_of(blocks.live("start"), lengths))
-    blocks.live("start").copy_(lengths.cumsum(0) - lengths)
+    starts = lengths.cumsum(0) - lengths
+    if torch.equal(starts, blocks.live("start")) and int(lengths.sum()) == len(pool):
+        if not torch.equal(blocks.live("room"), lengths):
+            blocks.live("room").copy_(lengths)
+        return
+    pool.keep(rows_of(blocks.live("start"), lengths))
+    blocks.live("start").copy_(starts)
     blocks.live("room").copy_(lengths)

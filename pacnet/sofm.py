@@ -6,7 +6,8 @@ Marsland, Shapiro & Nehmzow (2002), "A self-organising network that grows when r
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import torch
@@ -23,13 +24,16 @@ from pacnet.attention import (
     ignored,
     record,
 )
-from pacnet.engine import Engine, check_engine, runs_compiled
-from pacnet.rows import Column, GrowableRows
+from pacnet.drafts import Lock, adopt, draft_of, frozen, short_turns
+from pacnet.engine import Engine, check_engine, check_row, runs_compiled
+from pacnet.integrity import check_forms, check_holds, check_on_load, map_holds
+from pacnet.rows import Column, GrowableRows, check_storage, hand_out_copies
+from pacnet.sequences import array_of_rows
 from pacnet.sofm_config import LARGEST_PERCEPT, SOFMConfig
 from pacnet.validation import batch_of_array, check_form, check_rows
 
 if TYPE_CHECKING:
-    from pacnet.compiled_sofm import CompiledSOFM
+    from pacnet.compiled_sofm import CompiledSOFM, MapState
 
 _SEARCH_ELEMENTS = 2**24  # differences held at once while searching: 64 MB
 
@@ -59,9 +63,11 @@ class HabituatingSOFM(nn.Module):
         self.config = config
         self.engine: Engine = engine
         self._compiled: CompiledSOFM | None = None
+        self._cache: MapState | None = None
+        self._learning = Lock()
         self.nodes = GrowableRows(
             {
-                "prototype": Column((config.dimensions,), torch.float32),
+                "prototype": Column((config.dimensions,), torch.float32, by_dimension=True),
                 "habituation": Column((), torch.float32),
                 "habituated_at": Column((), torch.int64),  # [samples], NOBODY while it responds
             }
@@ -72,9 +78,13 @@ class HabituatingSOFM(nn.Module):
                 "age": Column((), torch.int64),
             }
         )
-        scale = (1.0,) * config.dimensions if config.scale is None else config.scale
-        self.register_buffer("scale", torch.tensor(scale), persistent=False)
+        scale = torch.ones(config.dimensions)
+        if config.scale is not None:
+            scale = torch.tensor(config.scale)
+        self.register_buffer("scale", scale, persistent=False)
         self.register_buffer("time", torch.tensor(0))  # samples observed so far
+        hand_out_copies(self)
+        check_on_load(self)
 
     def __len__(self) -> int:
         """The number of nodes."""
@@ -83,7 +93,7 @@ class HabituatingSOFM(nn.Module):
     @property
     def prototypes(self) -> Tensor:
         """The nodes in the percept's units, `[N, D]`."""
-        return self.nodes.live("prototype") / self.scale
+        return self.nodes.live("prototype") / check_storage("scale", self.scale)
 
     @property
     def habituation(self) -> Tensor:
@@ -94,6 +104,21 @@ class HabituatingSOFM(nn.Module):
     def fully_habituated(self) -> Tensor:
         """Which nodes are fully habituated, bool `[N]`."""
         return self.habituation < self.config.habituated_below
+
+    def state_dict(self, *args: Any, **kwargs: Any) -> Any:
+        """As of any module; where another thread learns, of before or after it."""
+        with self._learning:
+            return super().state_dict(*args, **kwargs)
+
+    def load_state_dict(self, *args: Any, **kwargs: Any) -> Any:
+        """As of any module, all or nothing; what another thread is learning is finished before."""
+        with self._learning:
+            return super().load_state_dict(*args, **kwargs)
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raises a ValueError unless these tensors, of a `state_dict`, are the state of a map."""
+        check_forms(self, tensors)
+        check_holds(map_holds(self.config.floor_habituation, tensors))
 
     def forward(self, percepts: Tensor) -> Attention:
         """Reads the map: winner, runner-up, activation and novelty of each percept.
@@ -119,12 +144,24 @@ class HabituatingSOFM(nn.Module):
             ValueError: percepts of the wrong shape, dtype or device, empty, or not finite;
                 nothing has been learned then.
         """
-        return self.learn(self.scaled(percepts)).observation
+        return self.observe_scaled(self.scaled(percepts))
+
+    def observe_scaled(self, percepts: Tensor) -> Observation:
+        """`observe` for percepts `[T, D]` that `scaled` has checked; called without gradient."""
+        if not self.training:
+            return ignored(self.read(percepts)).observation
+        # Growing inside a caller's inference mode would make buffers nobody can update later.
+        with self._learning, short_turns(), torch.inference_mode(False):
+            draft = draft_of(self)
+            observation = draft.learn(percepts).observation
+            adopt(self, draft)
+        return observation
 
     def step(self, percept: NDArray[np.float32] | Tensor) -> Step:
         """`observe` for one percept of a control loop, in a few microseconds, without tensors.
 
-        In training mode it learns the percept, in eval mode it only reads the map.
+        In training mode it learns the percept, in place: who reads meanwhile may see a prototype on
+        its way. In eval mode it only reads the map.
 
         Args:
             percept: `[D]`, an array or tensor of the map's dtype; arrays are on the CPU.
@@ -133,25 +170,29 @@ class HabituatingSOFM(nn.Module):
             ValueError: a percept of the wrong shape, dtype or device, or not finite; nothing has
                 been learned then.
         """
-        compiled = self.compiled()
-        if compiled is not None:
-            return compiled.step(percept, learns=self.training)
+        if not self.training:
+            return self.look(percept)[0]
+        with self._learning.lock:
+            compiled = self.compiled()
+            if compiled is not None:
+                row = check_row("percept", percept, self.config.dimensions)
+                step = compiled.step(self._state(), row)
+                return self._refuse(row) if step is None else step
         observation = self.observe(batch_of_array(percept))
         return Step._make(field.item() for field in observation)
 
     def look(self, percept: NDArray[np.float32] | Tensor) -> tuple[Step, NDArray[np.float32]]:
-        """`step` in eval mode, whichever mode it is in, and the scaled percept, `[D]`.
-
-        The scaled percept is valid until the next call.
-        """
+        """`step` in eval mode, whichever mode it is in, and the scaled percept, `[D]`."""
         compiled = self.compiled()
         if compiled is not None:
-            return compiled.step(percept, learns=False), compiled.scaled
+            row = check_row("percept", percept, self.config.dimensions)
+            seen = compiled.look(self._state(), row)
+            return self._refuse(row) if seen is None else seen
         with torch.no_grad():
             scaled = self.scaled(batch_of_array(percept))
             reading = [field.item() for field in self.read(scaled)]
         step = Step._make((*reading, False, False, True, False, 0))  # it ignores what it reads
-        return step, scaled[0].numpy(force=True)
+        return step, array_of_rows(scaled[0])
 
     def compiled(self) -> CompiledSOFM | None:
         """The compiled engine, or None where the eager one runs.
@@ -159,15 +200,47 @@ class HabituatingSOFM(nn.Module):
         Raises:
             ValueError: `engine="compiled"`, and it cannot run.
         """
-        compiled = self._compiled
-        if compiled is not None and compiled.is_current(self.config):
-            return compiled
-        if not runs_compiled(self.engine, self.nodes.get_buffer("prototype")):
+        nodes: Any = self._modules["nodes"]  # as an attribute it would take a microsecond
+        if not runs_compiled(self.engine, nodes._buffers["prototype"]):
             return None
-        from pacnet.compiled_sofm import CompiledSOFM
+        if self._compiled is None or self._compiled.config is not self.config:
+            from pacnet.compiled_sofm import CompiledSOFM
 
-        self._compiled = CompiledSOFM(self)
+            self._compiled = CompiledSOFM(self.config)
         return self._compiled
+
+    def _state(self) -> MapState:
+        if self._cache is None:
+            from pacnet.compiled_sofm import MapState
+
+            own: Any = self._buffers
+            self._cache = MapState(self.nodes, self.edges, own, self._drop_nodes)
+        return self._cache
+
+    def _refuse(self, percept: NDArray[np.float32]) -> NoReturn:
+        """Says what is wrong with one that was not read.
+
+        Raises:
+            ValueError: always.
+        """
+        self.scaled(torch.from_numpy(percept.copy())[None])
+        raise ValueError(f"expected a percept that the map can read, got {percept.tolist()}")
+
+    def _check_own(self) -> None:
+        """Checks what a user may have done to the config, the prototypes or the scale.
+
+        Raises:
+            ValueError: they are no longer of one width, or not all in memory.
+        """
+        width, own = self.config.dimensions, (self.nodes.live("prototype"), self.scale)
+        if own[0].dim() != 2 or own[0].shape[1] != width or own[1].shape != (width,):
+            raise ValueError(
+                f"expected prototypes [nodes, {width}] and a scale [{width}], as the config says, "
+                f"got {list(own[0].shape)} and {list(own[1].shape)}"
+            )
+        if own[0].dtype != own[1].dtype:
+            raise ValueError(f"expected a scale in {own[0].dtype}, got {own[1].dtype}")
+        check_storage("scale", own[1])
 
     def scaled(self, percepts: Tensor) -> Tensor:
         """Checks percepts `[B, D]` and brings them to the map's own units.
@@ -176,6 +249,7 @@ class HabituatingSOFM(nn.Module):
             ValueError: percepts of the wrong shape, dtype or device, empty, not finite, or so
                 large when scaled that their distances would not be.
         """
+        self._check_own()
         rows = check_form("percepts", percepts, self.config.dimensions, self.scale)
         scaled = rows if self.config.scale is None else rows * self.scale
         low, high = scaled.detach().aminmax()
@@ -186,16 +260,30 @@ class HabituatingSOFM(nn.Module):
         return scaled
 
     def learn(self, percepts: Tensor) -> Lesson:
-        """`observe` for percepts `[T, D]` that `scaled` has checked; called without gradient.
+        """Learns percepts `[T, D]` that `scaled` has checked, in place, without gradient.
 
-        A map learns in one thread at a time; meanwhile others may call `forward`, not `step`.
+        `observe` calls it on a draft; so does whoever else lets others read meanwhile.
         """
-        if not self.training:
-            return ignored(self.read(percepts))
         compiled = self.compiled()
         if compiled is not None:
-            return compiled.observe(percepts)
+            return compiled.learn(self._state(), _contiguous(percepts))
+        self._check_rows()
         return record([self.attend(percept) for percept in percepts.detach()])
+
+    def _check_rows(self) -> None:
+        """Checks what a user may have done to nodes and edges.
+
+        Raises:
+            ValueError: as `GrowableRows.check`, edges that lead nowhere, or a time of several.
+        """
+        if self.time.shape != () or self.time.dtype != torch.int64:
+            raise ValueError(f"expected time as one torch.int64, got {self.time}")
+        self.nodes.check()
+        self.edges.check()
+        ends = self.edges.live("ends")
+        inside = (ends >= 0) & (ends < len(self)) & (ends[:, :1] != ends[:, 1:])
+        if not bool(inside.all()):
+            raise ValueError(f"expected edges between two of {len(self)} nodes each, got others")
 
     def attend(self, percept: Tensor) -> Response:
         """The three cases of the paper, for one checked and scaled percept `[D]`: one eager step.
@@ -203,13 +291,6 @@ class HabituatingSOFM(nn.Module):
         It is the specification of what the compiled engine does. Called without gradient.
         """
         attention = self.read(percept[None])
-        if not self.training:
-            return Response(attention, ignored=True)
-        # Growing inside a caller's inference mode would make buffers nobody can update later.
-        with torch.inference_mode(False):
-            return self._learn(percept, attention)
-
-    def _learn(self, percept: Tensor, attention: Attention) -> Response:
         self.time += 1
         if len(self) == 0:
             self._add_node(percept)
@@ -250,29 +331,23 @@ class HabituatingSOFM(nn.Module):
 
         Searches without gradient, then takes the winning distance with it.
         """
-        compiled = self.compiled()
+        nodes, compiled = frozen(self.nodes), self.compiled()  # another thread may replace its rows
+        prototypes = nodes.live("prototype")
         if compiled is not None and not (torch.is_grad_enabled() and percepts.requires_grad):
-            return compiled.read(percepts)
+            return compiled.read(nodes, percepts)
         count = len(percepts)
         nobody = torch.full((count,), NOBODY, device=percepts.device)
-        if len(self) == 0:
+        if len(prototypes) == 0:
             nothing = percepts.new_zeros(count)
             return Attention(nobody, nobody.clone(), nothing, nothing < 1)
-        searched = self._search(percepts) if compiled is None else compiled.read(percepts)
-        winner, runner_up = searched[:2]
-        distance = torch.linalg.vector_norm(percepts - self.nodes.live("prototype")[winner], dim=1)
+        if compiled is None:
+            winner, runner_up = _search(percepts, prototypes)
+        else:
+            winner, runner_up = compiled.read(nodes, percepts)[:2]
+        distance = torch.linalg.vector_norm(percepts - prototypes[winner], dim=1)
         activation = torch.exp(-distance)
         novelty = activation < self.config.novelty_threshold
-        return Attention(winner, runner_up if len(self) > 1 else nobody, activation, novelty)
-
-    @torch.no_grad()
-    def _search(self, percepts: Tensor) -> tuple[Tensor, Tensor]:
-        """Numbers of the nearest and the second nearest node, int64 `[B]` each."""
-        prototypes = self.nodes.live("prototype")
-        chunk = max(1, _SEARCH_ELEMENTS // prototypes.numel())
-        pairs = [_two_nearest(part, prototypes) for part in percepts.split(chunk)]
-        winner, runner_up = (torch.cat(numbers) for numbers in zip(*pairs, strict=True))
-        return winner, runner_up
+        return Attention(winner, runner_up if len(prototypes) > 1 else nobody, activation, novelty)
 
     def _is_habituated(self, node: int) -> bool:
         return bool(self.nodes.live("habituation")[node] < self.config.habituated_below)
@@ -358,10 +433,23 @@ class HabituatingSOFM(nn.Module):
         lonely = candidates[~torch.isin(candidates, self.edges.live("ends"))]
         if len(lonely) == 0:
             return None
+        self._drop_nodes(lonely)
+        return lonely
+
+    def _drop_nodes(self, lonely: Tensor) -> None:
+        """Deletes nodes that have no edge, int64 `[K]` ascending; the later ones move down."""
         self.nodes.delete(lonely)
         ends = self.edges.live("ends")
-        ends -= torch.searchsorted(lonely, ends)  # numbers move down past each dropped node
-        return lonely
+        ends -= torch.searchsorted(lonely, ends)
+
+
+@torch.no_grad()
+def _search(percepts: Tensor, prototypes: Tensor) -> tuple[Tensor, Tensor]:
+    """Numbers of the nearest and the second nearest prototype, int64 `[B]` each."""
+    chunk = max(1, _SEARCH_ELEMENTS // prototypes.numel())
+    pairs = [_two_nearest(part, prototypes) for part in percepts.split(chunk)]
+    winner, runner_up = (torch.cat(numbers) for numbers in zip(*pairs, strict=True))
+    return winner, runner_up
 
 
 def _two_nearest(percepts: Tensor, prototypes: Tensor) -> tuple[Tensor, Tensor]:
@@ -371,3 +459,7 @@ def _two_nearest(percepts: Tensor, prototypes: Tensor) -> tuple[Tensor, Tensor]:
     nearest = distance.argmin(dim=1)  # of exactly equal ones the lowest number
     distance.scatter_(1, nearest[:, None], torch.inf)
     return nearest, distance.argmin(dim=1)
+
+
+def _contiguous(percepts: Tensor) -> NDArray[np.float32]:
+    return np.ascontiguousarray(percepts.detach().numpy())

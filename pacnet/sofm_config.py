@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from pacnet.validation import check_fields, is_integer, is_number
+from pacnet.validation import LARGEST, LONGEST, check_fields, is_integer, is_number
 
-LARGEST_PERCEPT = 1e17
-"""Of a scaled percept, in any dimension: its squares still add up in float32."""
-
-_LONGEST = 2**62  # [samples], which fit into an int64 twice
+LARGEST_PERCEPT = LARGEST
+"""Of a scaled percept, in any dimension."""
 
 
 @dataclass(frozen=True)
@@ -140,12 +138,12 @@ class SOFMConfig:
             "winner_tau": (_within(self.winner_tau, 0, math.inf), "> 0 firings"),
             "neighbour_tau": (_within(self.neighbour_tau, 0, math.inf), "> 0 firings"),
             "forgetting_interval": (
-                interval is None or (is_integer(interval, 1) and interval <= _LONGEST),
-                f"to be an integer from 1 to {_LONGEST} samples or None",
+                interval is None or (is_integer(interval, 1) and interval <= LONGEST),
+                f"to be an integer from 1 to {LONGEST} samples or None",
             ),
             "max_edge_age": (
-                is_integer(self.max_edge_age, 1) and self.max_edge_age <= _LONGEST,
-                f"to be an integer from 1 to {_LONGEST}",
+                is_integer(self.max_edge_age, 1) and self.max_edge_age <= LONGEST,
+                f"to be an integer from 1 to {LONGEST}",
             ),
             **{
                 name: (isinstance(getattr(self, name), bool), "to be true or false")

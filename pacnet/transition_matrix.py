@@ -8,25 +8,17 @@ paper does not say what its states and actions are; here they are clusters found
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from pacnet.candidates import (
-    Outcomes,
-    check_candidate_config,
-    check_equally_many,
-    command,
-    select,
-)
+from pacnet.candidates import CandidateModel, check_candidate_config, check_equally_many
 from pacnet.fitting import check_transitions
-from pacnet.forward_model import Command, Selection
 from pacnet.interrupts import interrupts_held_back
 from pacnet.kmeans import kmeans, nearest
-from pacnet.model_checkpoint import load_tensors, read_model, rebuild_config, save_model
 from pacnet.validation import check_fields, check_rows, is_integer
 
 
@@ -73,7 +65,7 @@ class MatrixFitReport(NamedTuple):
     """Share of the C × K pairs of cluster and action with at least one transition."""
 
 
-class TransitionMatrix(nn.Module):
+class TransitionMatrix(CandidateModel):
     """Predicts the expected next cluster; chooses the action that comes nearest to a target.
 
     The prediction for candidate k in cluster c is Σ p(c'|c, k) · centroid(c'), compared with the
@@ -87,23 +79,18 @@ class TransitionMatrix(nn.Module):
         config: see `TransitionMatrixConfig`.
     """
 
-    candidates: Tensor  # [K, U]
+    config_type = TransitionMatrixConfig
+    float_tensor = "centroids"
+
     centroids: Tensor  # [C, S]
     counts: Tensor  # int64 [C, K, C]: from cluster, by action, to cluster
 
     def __init__(self, config: TransitionMatrixConfig) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config)
         clusters, actions = config.clusters, len(config.candidates)
-        self.register_buffer("candidates", torch.tensor(config.candidates), persistent=False)
         self.register_buffer("centroids", torch.zeros(clusters, config.state_dimensions))
         counts = torch.zeros(clusters, actions, clusters, dtype=torch.int64)
         self.register_buffer("counts", counts)
-
-    @property
-    def action_dimensions(self) -> int:
-        """Length U of an action."""
-        return self.config.action_dimensions
 
     def forward(self, states: Tensor) -> Tensor:
         """The cluster of each state, int64 `[B]`, of equally near ones the first.
@@ -132,47 +119,20 @@ class TransitionMatrix(nn.Module):
         check_rows("actions", actions, self.config.action_dimensions, self.candidates)
         clusters = self(states)
         check_equally_many(states=states, actions=actions)
-        return self._expected(clusters, nearest(actions, self.candidates)).states
+        return self._expected(clusters, nearest(actions, self.candidates))
 
-    @torch.no_grad()
-    def outcomes(self, states: Tensor, candidates: Tensor) -> Outcomes:
-        """Where each candidate `[K, U]` leads from each state `[B, S]`, if it was tried there.
+    def outcomes(self, states: Tensor, candidates: Tensor) -> Tensor:
+        """Expected states `[B, K, S]`, see `CandidateModel`; NaN what was never tried.
 
-        Raises:
-            ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite.
+        Candidates other than the config's count as the nearest of those.
         """
-        check_rows("candidates", candidates, self.config.action_dimensions, self.candidates)
         bins = nearest(candidates, self.candidates)
-        return self._expected(self(states)[:, None], bins)
+        return self._expected(nearest(states, self.centroids)[:, None], bins)
 
-    def select(self, state: Tensor, target: Tensor, candidates: Tensor | None = None) -> Selection:
-        """Chooses the candidate whose expected state is nearest (Euclidean) to the target.
-
-        Of exactly equal ones the first; what was never tried in the state's cluster costs
-        infinity. It abstains where fewer than two candidates were tried, or the spread of the
-        expected states is under `config.abstain_below`.
-
-        Args:
-            state: `[S]`.
-            target: `[S]`.
-            candidates: `[K, U]`; the config's if left out. Others count as the nearest of those.
-
-        Raises:
-            ValueError: a tensor of the wrong shape, dtype or device, or not finite.
-        """
-        return select(self, state, target, candidates)
-
-    def command(self, states: Tensor, targets: Tensor) -> Command:
-        """`select` among the config's candidates for each state `[B, S]` and target `[B, S]`.
-
-        Raises:
-            ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite;
-                unequal numbers of rows.
-        """
-        return command(self, states, targets)
-
-    def reset(self) -> None:
-        """Does nothing: no episode leaves a trace."""
+    def check_learned(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raises a ValueError if a count is negative."""
+        if bool((tensors["counts"] < 0).any()):
+            raise ValueError(f"expected counts ≥ 0, got {int(tensors['counts'].min())}")
 
     @torch.no_grad()
     def fit(
@@ -202,38 +162,9 @@ class TransitionMatrix(nn.Module):
             found.assignment, nearest(actions, candidates), nearest(after, found.centroids)
         )
         with interrupts_held_back():
-            self.centroids.copy_(found.centroids)
-            self.counts.copy_(counts)
+            self.load_state_dict({"centroids": found.centroids, "counts": counts})
         tried = (counts.sum(dim=2) > 0).double().mean()
         return MatrixFitReport(found.iterations, found.distortion, float(tried))
-
-    def save_pretrained(self, folder: str | Path) -> None:
-        """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
-
-        Args:
-            folder: made if it is missing; a checkpoint in it is replaced, other files stay.
-
-        Raises:
-            ValueError: a centroid is not finite; nothing has been written.
-        """
-        save_model(self, asdict(self.config), folder)
-
-    @classmethod
-    def from_pretrained(cls, folder: str | Path) -> TransitionMatrix:
-        """Loads what `save_pretrained` wrote, on the CPU.
-
-        Raises:
-            FileNotFoundError: no checkpoint there.
-            ValueError: a damaged file, an unknown version, the checkpoint of something else, or a
-                missing, extra or misshapen tensor, one of another dtype, not finite, or negative
-                counts.
-        """
-        fields, tensors = read_model(folder, "TransitionMatrix")
-        model = cls(rebuild_config(TransitionMatrixConfig, fields))
-        load_tensors(model, tensors, like="centroids")
-        if bool((model.counts < 0).any()):
-            raise ValueError(f"expected counts ≥ 0 in '{folder}', got {int(model.counts.min())}")
-        return model
 
     def _count(self, before: Tensor, actions: Tensor, after: Tensor) -> Tensor:
         """How often each cluster was left by each action for each cluster, `[C, K, C]`."""
@@ -241,11 +172,9 @@ class TransitionMatrix(nn.Module):
         cell = (before * shape[1] + actions) * shape[2] + after  # [T]
         return cell.bincount(minlength=shape.numel()).reshape(shape)
 
-    def _expected(self, clusters: Tensor, actions: Tensor) -> Outcomes:
-        """Of clusters and numbers of actions, which broadcast against one another."""
-        counts = self.counts[clusters, actions]  # [..., C]
-        known = counts.sum(dim=-1) > 0
-        shares = self._shares(counts)
+    def _expected(self, clusters: Tensor, actions: Tensor) -> Tensor:
+        """Expected states of clusters and numbers of actions, which broadcast; NaN if unknown."""
+        shares = self._shares(self.counts[clusters, actions])  # [..., C]
         matrix = self._shares(self.counts.transpose(0, 1)[actions])  # [..., C, C]
         # Where the action was never tried nothing is known: what has come there stays.
         untried = matrix.isnan().any(dim=-1, keepdim=True)
@@ -253,7 +182,7 @@ class TransitionMatrix(nn.Module):
         matrix = torch.where(untried, stay, matrix)
         for _ in range(self.config.steps - 1):
             shares = (shares[..., None, :] @ matrix).squeeze(-2)
-        return Outcomes(shares @ self.centroids, known)
+        return shares @ self.centroids
 
     def _shares(self, counts: Tensor) -> Tensor:
         """Probabilities from counts, along the last dimension; NaN where there are none."""

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+from operator import index
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
+
+LONGEST = 2**62  # [samples], which fit into an int64 twice
+LARGEST = 1e17
+"""Of a number whose distances from others are taken: its squares still add up in float32."""
 
 
 def check_form(name: str, value: object, columns: int, like: Tensor) -> Tensor:
@@ -17,8 +22,9 @@ def check_form(name: str, value: object, columns: int, like: Tensor) -> Tensor:
         ValueError: not a tensor, or of the wrong shape, dtype or device.
     """
     wanted = f"expected {name} as a {like.dtype} tensor of shape [rows, {columns}] on {like.device}"
-    if not isinstance(value, Tensor):
-        raise ValueError(f"{wanted}, got {type(value).__name__}")
+    if not isinstance(value, Tensor) or value.layout != torch.strided:
+        got = value.layout if isinstance(value, Tensor) else type(value).__name__
+        raise ValueError(f"{wanted}, got {got}")
     if value.dim() != 2 or value.shape[1] != columns:
         raise ValueError(f"{wanted}, got shape {list(value.shape)}")
     if value.dtype != like.dtype:
@@ -50,14 +56,76 @@ def check_rows(name: str, value: object, columns: int, like: Tensor) -> Tensor:
     return value
 
 
+def check_distant(name: str, value: object, columns: int, like: Tensor) -> Tensor:
+    """`check_rows` for rows whose distances are taken, which must not be too large to be finite.
+
+    Raises:
+        ValueError: as `check_rows`, or beyond ±`LARGEST`.
+    """
+    value = check_rows(name, value, columns, like)
+    largest = float(value.detach().abs().max()) if value.numel() else 0.0
+    if largest > LARGEST:
+        raise ValueError(f"expected {name} within ±{LARGEST:g}, got {largest:g}")
+    return value
+
+
+def check_number(name: str, value: object, count: int, lowest: int = 0, where: str = "") -> int:
+    """Checks the number of one of several things, any kind of integer, and hands it back as an int.
+
+    Args:
+        name: what it is the number of, for the message.
+        value: what the caller gave.
+        count: how many there are.
+        lowest: the first number.
+        where: what else there is to say of them, for the message.
+
+    Raises:
+        ValueError: no integer, or none from the lowest to `count` − 1.
+    """
+    try:
+        number = None if isinstance(value, bool) else index(value)  # pyright: ignore[reportArgumentType]
+    except TypeError:
+        number = None
+    if number is None or not lowest <= number < count:
+        raise ValueError(f"expected {name} from {lowest} to {count - 1}{where}, got {value!r}")
+    return number
+
+
+def check_numbers(name: str, value: object, count: int) -> Tensor:
+    """Checks numbers of several things at once, int64 `[K]` ascending, and hands them back.
+
+    Raises:
+        ValueError: no such tensor, or a number that is not from 0 to `count` − 1.
+    """
+    is_strided = isinstance(value, Tensor) and value.layout == torch.strided
+    if not isinstance(value, Tensor) or not is_strided or (value.dtype, value.dim()) != _NUMBERS:
+        got = f"{value.dtype} {list(value.shape)}" if isinstance(value, Tensor) else repr(value)
+        raise ValueError(f"expected {name} as an int64 tensor [K], got {got}")
+    if len(value) and not (
+        int(value[0]) >= 0 and int(value[-1]) < count and bool((value[1:] > value[:-1]).all())
+    ):
+        raise ValueError(
+            f"expected ascending {name} from 0 to {count - 1}, got {value.tolist()[:8]}"
+        )
+    return value
+
+
+_NUMBERS = torch.int64, 1
+
+
 def batch_of_one(row: Any) -> Any:
     """A row `[D]` as `[1, D]`; what is no tensor stays, for `check_rows` to refuse."""
     return row[None] if isinstance(row, Tensor) else row
 
 
 def batch_of_array(row: Any) -> Any:
-    """The same of a row that may also be an array, which is copied."""
-    return batch_of_one(torch.from_numpy(row.copy()) if isinstance(row, np.ndarray) else row)
+    """The same of a row that may also be an array, which is copied; others stay as well."""
+    if isinstance(row, np.ndarray) and not isinstance(row, np.ma.MaskedArray):
+        try:
+            row = torch.from_numpy(row.copy())
+        except (TypeError, ValueError):  # torch has no such dtype
+            return row
+    return batch_of_one(row)
 
 
 def check_fields(config: object, checks: dict[str, tuple[bool, str]]) -> None:

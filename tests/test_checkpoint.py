@@ -57,9 +57,17 @@ def test_the_same_network_gives_the_same_bytes(tmp_path):
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
 
 
-def test_a_missing_tensor_is_named(checkpoint):
-    rewrite_tensors(checkpoint, lambda tensors: tensors.pop("schemas.pool.target"))
-    with pytest.raises(ValueError, match=r"schemas.pool.target'\] missing, none extra"):
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("schemas.pool.target", r"schemas\.pool\.target of shape \[rows, 1\], got none"),
+        ("schemas.blocks.length", r"\['schemas\.blocks\.length'\] missing, none extra"),
+        ("episode", r"\['episode'\] missing, none extra"),
+    ],
+)
+def test_a_missing_tensor_is_named(checkpoint, name, message):
+    rewrite_tensors(checkpoint, lambda tensors: tensors.pop(name))
+    with pytest.raises(ValueError, match=message):
         PACNet.from_pretrained(checkpoint)
 
 
@@ -83,7 +91,7 @@ def test_columns_of_unequal_length_are_named(checkpoint):
         tensors["schemas.pool.cue"] = tensors["schemas.pool.cue"][:3].clone()
 
     rewrite_tensors(checkpoint, shorten)
-    with pytest.raises(ValueError, match=r"equal length.*'schemas.pool.'.*'cue': 3"):
+    with pytest.raises(ValueError, match=r"schemas\.pool\.cue .*\[19, 2\], got .*\[3, 2\]"):
         PACNet.from_pretrained(checkpoint)
 
 
@@ -91,6 +99,8 @@ def test_fewer_schemas_than_nodes_are_refused(checkpoint):
     def drop(tensors):
         for name in ("start", "length", "room", "episode"):
             tensors[f"schemas.blocks.{name}"] = torch.zeros(0, dtype=torch.int64)
+        for name in ("target", "cue"):
+            tensors[f"schemas.pool.{name}"] = tensors[f"schemas.pool.{name}"][:0].clone()
 
     rewrite_tensors(checkpoint, drop)
     with pytest.raises(ValueError, match="got 0 for 1 nodes"):
@@ -342,7 +352,7 @@ def test_a_tensor_of_another_dtype_is_named(checkpoint):
         tensors["schemas.blocks.start"] = tensors["schemas.blocks.start"].float() + 0.5
 
     rewrite_tensors(checkpoint, loosen)
-    with pytest.raises(ValueError, match=r"blocks\.start as torch\.int64.*got torch\.float32"):
+    with pytest.raises(ValueError, match=r"blocks\.start .* as integers .*got torch\.float32"):
         PACNet.from_pretrained(checkpoint)
 
 
@@ -427,9 +437,13 @@ DAMAGES = [
     ("schemas.passes.last", -1, 8, "passes within their episodes"),
     ("schemas.episodes.samples", -1, 7, "passes within their episodes"),
     ("schemas.pool.cue", 0, math.nan, "finite cues"),
-    ("schemas.blocks.shown_in", 0, -1, "a pass in which each sequence was shown"),
+    ("schemas.blocks.shown_in", 0, -1, "sequences of episodes that exist"),
+    ("schemas.blocks.shown_in", -1, 4, "sequences of episodes that exist"),
     ("schemas.blocks.shown_in", -1, 0, "a pass in which each sequence was shown"),
     ("schemas.pool.frame", 0, 7, "a pass in which each sequence was shown"),
+    ("schemas.pool.frame", 1, -1, "frames of their episodes"),
+    ("schemas.pool.frame", 1, 8, "frames of their episodes"),
+    ("schemas.episodes.samples", 0, -1, "episodes of so many samples"),
 ]
 
 

@@ -7,6 +7,7 @@ import ctypes
 import dataclasses
 import mmap
 import pickle
+import subprocess
 import sys
 from collections import Counter
 from typing import Any
@@ -17,9 +18,18 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from torch import Tensor
 
-from pacnet import NOBODY, HabituatingSOFM, Observation, SOFMConfig
+from pacnet import (
+    NOBODY,
+    HabituatingSOFM,
+    MotorSchemas,
+    MotorSchemasConfig,
+    Observation,
+    SOFMConfig,
+)
+from pacnet.distances import distances_of, squared_distances
 from pacnet.engine import Engine
 
 FAR = 2.0**6  # coordinates under it, of multiples of 1 / FAR, have distances exact in float32
@@ -250,7 +260,7 @@ def test_a_row_of_a_larger_or_protected_array_can_be_a_step():
         np.zeros(2, np.float32), np.zeros((1, 3), np.float32), np.zeros(3),
         [0.0, 0.0, 0.0], None, torch.zeros(3, dtype=torch.float64), torch.zeros(3, device="meta"),
         np.array([0, np.nan, 0], np.float32), torch.tensor([0, 0, torch.inf]),
-        np.array([1e18, 0, 0], np.float32),
+        np.array([1e18, 0, 0], np.float32), np.ma.masked_array(np.zeros(3, np.float32), [0, 1, 0]),
     ],
     ids=str,
 )  # fmt: skip
@@ -348,18 +358,63 @@ def test_a_replaced_config_is_followed():
     assert sofm.step(torch.tensor([0.3])).novelty
 
 
-def test_buffers_that_contradict_one_another_are_refused():
-    sofm = taught()
-    small = HabituatingSOFM(sofm.config)
+def shorten_habituation(sofm: HabituatingSOFM) -> None:
+    sofm.nodes.habituation = sofm.nodes.habituation[:-1].clone()
+
+
+def take_nodes_away(sofm: HabituatingSOFM) -> None:
+    for name in sofm.nodes.columns:  # its edges are still those of the many nodes
+        setattr(sofm.nodes, name, sofm.nodes.get_buffer(name)[:2].clone())
+
+
+def lead_nowhere(sofm: HabituatingSOFM) -> None:
+    sofm.edges.live("ends")[0, 1] = len(sofm)
+
+
+def lead_back(sofm: HabituatingSOFM) -> None:
+    sofm.edges.live("ends")[0] = 1
+
+
+def double_habituation(sofm: HabituatingSOFM) -> None:
+    sofm.nodes.habituation = sofm.nodes.habituation.double()
+
+
+def free_prototypes(sofm: HabituatingSOFM) -> None:
+    sofm.nodes.prototype = sofm.nodes.prototype.clone()
+    sofm.nodes.prototype.untyped_storage().resize_(0)
+
+
+CONTRADICTIONS = {
+    "columns of unequal length": (shorten_habituation, "expected habituation of shape"),
+    "fewer nodes": (take_nodes_away, "edges between two of 2 nodes"),
+    "an edge that leads nowhere": (lead_nowhere, "edges between two of"),
+    "an edge from a node to itself": (lead_back, "edges between two of"),
+    "another type": (double_habituation, "expected habituation as torch.float32 on the CPU, got"),
+    "no memory": (free_prototypes, "elements in memory, got 0 bytes"),
+}
+
+
+@pytest.mark.parametrize("contradiction", CONTRADICTIONS)
+def test_buffers_that_contradict_one_another_are_refused(contradiction: str):
+    sofm, (spoil, message) = taught(), CONTRADICTIONS[contradiction]
+    assert len(sofm) > 3
+    sofm.step(walk(1, 3)[0])  # it has looked up its buffers
+    spoil(sofm)
+    time = int(sofm.time)
+    with pytest.raises(ValueError, match=message):
+        sofm.observe(walk(5, 3))
+    with pytest.raises(ValueError, match=message):
+        sofm.step(walk(1, 3)[0])
+    assert int(sofm.time) == time
+
+
+def test_a_part_of_a_state_is_not_loaded():
+    sofm, small = taught(), HabituatingSOFM(SOFMConfig.paper(3))
     small.observe(walk(2, 3))
     part = {name: tensor for name, tensor in small.state_dict().items() if "nodes" in name}
-    sofm.load_state_dict(part, strict=False)  # its edges are still those of the many nodes
-    with pytest.raises(ValueError, match="expected edges between nodes 0 to"):
-        sofm.observe(walk(5, 3))
-    other = taught()
-    other.nodes.habituation = other.nodes.habituation.double()
-    with pytest.raises(ValueError, match=r"expected habituation as a contiguous torch.float32"):
-        other.observe(walk(5, 3))
+    with pytest.raises(ValueError, match=r"\['edges.age', 'edges.ends', 'time'\] missing"):
+        sofm.load_state_dict(part, strict=False)
+    assert_same_state(sofm, taught())
 
 
 def test_an_array_from_another_process_can_be_a_step():
@@ -418,6 +473,76 @@ def test_percepts_read_together_are_read_as_each_alone(dimensions: int):
         assert [field[number].item() for field in together] == list(sofm.step(percept)[:4])
 
 
+def squares(percept: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Squared distances of a percept [D] from rows [N, D]."""
+    out = np.full(max(4, len(rows)), np.nan, np.float32)
+    nearest = squared_distances(percept[None], 0, np.ascontiguousarray(rows.T), 0, len(rows), out)
+    order = [*out[: len(rows)].argsort(kind="stable").tolist(), NOBODY]
+    assert nearest == (order[0], order[1])
+    return out[: len(rows)]
+
+
+def equally_near(dimensions: int) -> tuple[NDArray[np.float32], ...]:
+    """Percepts [8, D], rows [33, D], and squares [8, 33] of each pair alone.
+
+    The rows hold the same numbers in other places, and a percept one number everywhere: which row
+    is nearest is a matter of the last bit.
+    """
+    rng = np.random.default_rng(dimensions)
+    rows = rng.permuted(np.tile(rng.standard_normal(dimensions), (33, 1)), axis=1)
+    rows = rows.astype(np.float32)
+    percepts = np.repeat(rng.standard_normal((8, 1)), dimensions, axis=1).astype(np.float32)
+    alone = [[squares(percept, row[None])[0] for row in rows] for percept in percepts]
+    if dimensions > 4:
+        assert len(np.unique(np.argmin(alone, axis=1))) > 1
+    return percepts, rows, np.array(alone)
+
+
+@pytest.mark.parametrize("dimensions", range(1, 41))
+def test_a_distance_depends_on_nothing_but_the_two_points(dimensions: int):
+    percepts, rows, alone = equally_near(dimensions)
+    for percept, expected in zip(percepts, alone, strict=True):
+        for first, last in ((0, 33), (1, 33), (5, 8), (7, 12), (3, 4), (11, 13), (30, 33)):
+            np.testing.assert_array_equal(squares(percept, rows[first:last]), expected[first:last])
+            np.testing.assert_array_equal(
+                distances_of(percept, rows[first:last]), np.sqrt(expected[first:last])
+            )
+        np.testing.assert_array_equal(squares(percept, rows[::-1].copy()), expected[::-1])
+
+
+@pytest.mark.parametrize("dimensions", range(1, 41))
+def test_a_distance_is_the_same_to_all_who_ask(dimensions: int):
+    """To the map, that reads one percept or 100,000, or learns, and to what recalls."""
+    percepts, rows, alone = equally_near(dimensions)
+    order = alone.argsort(axis=1, kind="stable")[:, :2]
+    nearest = np.sqrt(alone.min(axis=1)).astype(np.float64)
+    expected = np.column_stack([order, np.exp(-nearest).astype(np.float32)])
+    sofm = HabituatingSOFM(SOFMConfig.paper(dimensions), engine="compiled")
+    sofm.load_state_dict(
+        sofm.state_dict()
+        | {
+            "nodes.prototype": torch.from_numpy(rows),
+            "nodes.habituation": torch.ones(33),
+            "nodes.habituated_at": torch.full((33,), NOBODY),
+        }
+    )
+    many = sofm(torch.from_numpy(np.tile(percepts, (12_500, 1))))
+    np.testing.assert_array_equal(np.column_stack(many[:3]), np.tile(expected, (12_500, 1)))
+    schemas = MotorSchemas(MotorSchemasConfig(1, dimensions))
+    schemas.add_node()
+    for row in torch.from_numpy(rows):
+        schemas.write(0, torch.zeros(1), row, 0, habituated=True)
+    for percept, wanted in zip(torch.from_numpy(percepts), expected.tolist(), strict=True):
+        assert [field.item() for field in sofm(percept[None])[:3]] == wanted
+        assert list(sofm.eval().step(percept)[:3]) == wanted
+        one, other = copy.deepcopy(sofm).train(), copy.deepcopy(sofm).train()
+        assert list(one.step(percept)[:3]) == wanted
+        assert [field[0].item() for field in other.observe(percept.expand(3, -1))[:3]] == wanted
+        recalled = schemas.recall(0, percept)
+        assert recalled is not None
+        assert recalled.position == wanted[0]
+
+
 def test_of_equally_near_nodes_the_first_win_however_many_percepts_are_read():
     sofm = HabituatingSOFM(SOFMConfig.paper(2, novelty_threshold=0.9))
     corners = torch.tensor([[x, y] for x in (0.0, 2.0, 4.0) for y in (0.0, 2.0, 4.0)])
@@ -437,3 +562,21 @@ def test_a_gradient_reaches_the_percepts_through_the_compiled_search():
     ]
     torch.testing.assert_close(*gradients)
     assert gradients[0].abs().sum() > 0
+
+
+def test_the_eager_engine_brings_no_numba():
+    code = """
+import sys, torch
+from pacnet import HabituatingSOFM, SOFMConfig
+sofm = HabituatingSOFM(SOFMConfig.gwr(2, max_edge_age=3), engine="eager")
+percepts = torch.randn(60, 2, generator=torch.Generator().manual_seed(0))
+sofm.observe(percepts)
+sofm(percepts)
+sofm.step(percepts[0])
+sofm.eval().step(percepts[0].numpy())
+state = sofm.state_dict()
+sofm.load_state_dict(state)
+sys.exit("numba" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

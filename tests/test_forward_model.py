@@ -492,7 +492,7 @@ def damage(folder, name: str, tensor: Tensor | None) -> None:
             "weight .* got torch.float8",
         ),
         ("network.0.bias", torch.full((16,), math.nan), "expected finite network.0.bias"),
-        ("change_std", torch.zeros(2).double(), r"expected change_std > 0 .* got \[0.0, 0.0\]"),
+        ("change_std", torch.zeros(2).double(), r"expected change_std > 0, got \[0.0, 0.0\]"),
     ],
 )
 def test_a_damaged_checkpoint_is_refused(tmp_path, name, tensor, message):

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
+import signal
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
@@ -14,6 +17,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from pacnet import CompetingSchemas
 from pacnet.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator, Lesson
 from pacnet.targets import targets_ahead
@@ -303,6 +307,65 @@ def test_an_interrupt_leaves_whole_lessons(taught: Imitator):
     expected.learn(shown(reach(7), reach(8)))
     assert interrupted.lessons == expected.lessons
     assert_same(interrupted, expected)
+
+
+def test_ctrl_c_waits_until_a_demonstration_is_learned(taught: Imitator, monkeypatch):
+    interrupted, expected = deepcopy(taught), deepcopy(taught)
+    append_each = CompetingSchemas.append_each
+
+    def interrupted_append(*args: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+        append_each(*args)
+
+    monkeypatch.setattr(CompetingSchemas, "append_each", interrupted_append)
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            interrupted.learn(shown(reach(7), reach(8)))
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    monkeypatch.undo()
+    expected.learn(shown(reach(7)))
+    assert interrupted.lessons == expected.lessons
+    assert_same(interrupted, expected)
+
+
+def test_an_error_while_a_demonstration_is_learned_leaves_those_before(
+    taught: Imitator, monkeypatch
+):
+    failed, expected = deepcopy(taught), deepcopy(taught)
+
+    def out_of_memory(*_: object) -> None:
+        raise MemoryError
+
+    def fail_from_now_on(_: int) -> None:
+        monkeypatch.setattr(CompetingSchemas, "append_each", out_of_memory)
+
+    with pytest.raises(MemoryError):
+        failed.learn(shown(reach(7), reach(8, glass=0.3)), fail_from_now_on)
+    monkeypatch.undo()
+    expected.learn(shown(reach(7)))
+    assert failed.lessons == expected.lessons
+    assert_same(failed, expected)
+    for imitator in (failed, expected):
+        imitator.learn(shown(reach(9)))
+    assert_same(failed, expected)
+
+
+@pytest.mark.parametrize(
+    "copied", [deepcopy, lambda imitator: pickle.loads(pickle.dumps(imitator))],
+    ids=["deep copy", "pickle"],
+)  # fmt: skip
+def test_a_copy_goes_on_where_the_original_is_and_then_its_own_way(
+    taught: Imitator, copied: Callable[[Imitator], Imitator]
+):
+    imitator, percepts = deepcopy(taught), reach(100).percepts
+    follow(imitator, percepts[:100])
+    twin, other = copied(imitator), copied(imitator)
+    follow(twin, reach(101, glass=0.3).percepts)
+    twin.learn(shown(reach(9)))
+    expected = [imitator.step(percept) for percept in percepts[100:]]
+    np.testing.assert_equal([other.step(percept) for percept in percepts[100:]], expected)
 
 
 @pytest.mark.parametrize("usual", [math.nan, -1.0, 0.0])

@@ -177,7 +177,11 @@ def learn_competing(schemas: CompetingSchemas, percepts: Tensor, targets: Tensor
 
 def use_competing(schemas: CompetingSchemas, percepts: Tensor, _targets: Tensor) -> Tensors:
     schemas.reset()
-    answers = [schemas.recall(sample % 4, percept) for sample, percept in enumerate(percepts)]
+    nodes = range(4) if len(schemas) else [NOBODY]
+    answers = [
+        schemas.recall(nodes[sample % len(nodes)], percept)
+        for sample, percept in enumerate(percepts)
+    ]
     given = [answer for answer in answers if answer is not None]
     places = [(answer.position, answer.schema) for answer in given]
     return schemas.lengths.clone(), *(answer.target for answer in given), torch.tensor(places)
@@ -403,12 +407,10 @@ def test_a_state_dict_makes_any_other_one_answer_and_learn_alike(
     if target == "taught":
         case.learn(loaded, *draw(5))
     # PID gains come from the config: zero them, so that only loading can bring them back.
-    loaded.load_state_dict(
-        {
-            name: tensor if name.endswith("_extra_state") else tensor * 0  # which holds text
-            for name, tensor in loaded.state_dict().items()
-        }
-    )
+    kept = loaded.state_dict().keys()
+    for name, tensor in itertools.chain(loaded.named_buffers(), loaded.named_parameters()):
+        if name in kept:
+            tensor.data.zero_()
     state = source.state_dict()
     assert str(loaded.load_state_dict(state)) == "<All keys matched successfully>"
     assert_same_state(loaded, state)
@@ -416,6 +418,58 @@ def test_a_state_dict_makes_any_other_one_answer_and_learn_alike(
     assert_same(case.learn(loaded, *draw(4)), case.learn(source, *draw(4)))
     assert_same_state(loaded, snapshot(source))
     assert_same(case.use(loaded, *draw(1)), case.use(source, *draw(1)))
+
+
+def damages(name: str, tensor: Tensor) -> dict[str, dict[str, Tensor] | None]:
+    """What may have become of one tensor of a state: others in its place, or none at all."""
+    damaged: dict[str, dict[str, Tensor] | None] = {
+        "missing": None,
+        "renamed": {f"{name}_": tensor},
+        "deeper": {name: tensor[..., None]},
+        "of another kind": {name: tensor.long() if tensor.is_floating_point() else tensor + 0.5},
+    }
+    if tensor.numel() and tensor.dtype != torch.uint8:  # which is text
+        for place in (0, -1):
+            spoilt = tensor.clone()
+            spoilt.view(-1)[place] = torch.nan if tensor.is_floating_point() else -9
+            damaged[f"spoilt at {place}"] = {name: spoilt}
+    if tensor.dim():
+        more = tensor.new_zeros(1, *tensor.shape[1:])
+        damaged["one row more"] = {name: torch.cat([tensor, more])}
+    return damaged
+
+
+def is_refused(module: nn.Module, state: dict[str, Tensor], *, strict: bool) -> bool:
+    try:
+        module.load_state_dict(state, strict=strict)
+    except ValueError as error:
+        return str(error).startswith("expected ")
+    return False
+
+
+CHECKED = [name for name in CASES if name.startswith(("Habituating", "Motor", "Comp", "PACNet"))]
+
+
+@pytest.mark.parametrize("strict", [True, False])
+@pytest.mark.parametrize("case", CHECKED, indirect=True)
+def test_a_damaged_state_is_refused_before_anything_changes(case: Case, strict: bool):
+    module, state = case.make(), make(case, "taught").state_dict()
+    case.learn(module, *draw(5))
+    before, answers = snapshot(module), case.use(module, *draw(1))
+    for name, tensor in state.items():
+        rest = {other: value for other, value in state.items() if other != name}
+        for how, others in damages(name, tensor).items():
+            assert is_refused(module, rest | (others or {}), strict=strict), f"{name} {how}"
+            assert_same_state(module, before)
+    if strict:
+        with pytest.raises(ValueError, match=r"none missing, \['more'\] extra"):
+            module.load_state_dict(state | {"more": torch.zeros(1)})
+        with pytest.raises(ValueError, match="missing, none extra"):
+            module.load_state_dict({})
+    assert_same_state(module, before)
+    assert_same(case.use(module, *draw(1)), answers)
+    module.load_state_dict(state, strict=strict)
+    assert_same_state(module, state)
 
 
 def test_what_was_loaded_shares_no_memory(case: Case):

@@ -3,12 +3,24 @@
 import copy
 import math
 import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import torch
 
-from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
+import pacnet.network
+from pacnet import (
+    CompetingSchemasConfig,
+    MotorSchemas,
+    MotorSchemasConfig,
+    PACNet,
+    PACNetConfig,
+    SOFMConfig,
+)
+from pacnet.sequences import Sequences
 
 
 def make_network(preset: str = "paper", **fields: object) -> PACNet:
@@ -35,6 +47,13 @@ def make_taught(episodes: int = 3, **fields: object) -> PACNet:
 def assert_same(one: torch.Tensor, other: torch.Tensor) -> None:
     """Equal to the last bit, NaN to NaN."""
     torch.testing.assert_close(one, other, rtol=0, atol=0, equal_nan=True)
+
+
+def assert_same_state(one: PACNet, other: PACNet) -> None:
+    expected, got = one.state_dict(), other.state_dict()
+    assert expected.keys() == got.keys()
+    for name, value in expected.items():
+        assert torch.equal(value, got[name]), name
 
 
 def test_recall_gives_the_targets_that_were_shown():
@@ -256,22 +275,110 @@ def test_at_the_sample_that_deletes_a_node_the_winner_still_keeps_its_target():
     assert network.schemas.targets(0).flatten().tolist() == [12, 14, 15, 16]
 
 
-def test_ctrl_c_between_map_and_schemas_waits_until_both_have_learned(monkeypatch, tmp_path):
-    network = make_network()
-    add_node = network.schemas.add_node
-
-    def interrupted_add_node() -> int:
-        if len(network.schemas) == 3:
-            signal.raise_signal(signal.SIGINT)
-        return add_node()
-
-    monkeypatch.setattr(network.schemas, "add_node", interrupted_add_node)
+@pytest.fixture
+def sigint() -> Iterator[None]:
+    """Ctrl-C is a KeyboardInterrupt; a background job hands down an ignored one."""
     previous = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            network.observe(*make_circle(), episode=0)
-    finally:
-        signal.signal(signal.SIGINT, previous)
-    assert len(network.sofm) == len(network.schemas) > 3
+    yield
+    signal.signal(signal.SIGINT, previous)
+
+
+LEARNING = {
+    "observe": lambda network: network.observe(*make_circle(noise=0.3, seed=7), episode=3),
+    "attend": lambda network: network.attend(make_circle(noise=0.3, seed=7)[0]),
+}
+
+
+@pytest.mark.usefixtures("sigint")
+@pytest.mark.parametrize("verb", LEARNING)
+def test_ctrl_c_between_map_and_schemas_leaves_what_was_known(verb: str, monkeypatch, tmp_path):
+    network, untouched = make_taught(), make_taught()
+    watched = network.recall(make_circle(noise=0.1, seed=4)[0])
+    add_node, added = MotorSchemas.add_node, []
+
+    def interrupted_add_node(schemas: MotorSchemas) -> int:
+        added.append(add_node(schemas))
+        if len(added) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return added[-1]
+
+    monkeypatch.setattr(MotorSchemas, "add_node", interrupted_add_node)
+    with pytest.raises(KeyboardInterrupt):
+        LEARNING[verb](network)
+    assert len(added) == 3
+    monkeypatch.undo()
+    assert_same_state(network, untouched)
+    network.reset()
+    for one, other in zip(network.recall(make_circle(noise=0.1, seed=4)[0]), watched, strict=True):
+        assert_same(one, other)
     network.save_pretrained(tmp_path)
-    assert len(PACNet.from_pretrained(tmp_path).sofm) == len(network.sofm)
+    for one in (network, untouched, PACNet.from_pretrained(tmp_path)):
+        LEARNING[verb](one)
+        assert len(one.sofm) == len(one.schemas) > len(watched.winner.unique())
+    assert_same_state(network, untouched)
+
+
+@pytest.mark.usefixtures("sigint")
+def test_ctrl_c_while_what_was_learned_is_taken_over_comes_after_it(monkeypatch):
+    network, expected = make_taught(), make_taught()
+    adopt, adopted = pacnet.network.adopt, []
+
+    def interrupted_adopt(*modules: torch.nn.Module) -> None:
+        signal.raise_signal(signal.SIGINT)
+        adopt(*modules)
+        adopted.append(modules)
+
+    monkeypatch.setattr("pacnet.network.adopt", interrupted_adopt)
+    with pytest.raises(KeyboardInterrupt):
+        LEARNING["observe"](network)
+    assert len(adopted) == 2  # map and schemas
+    monkeypatch.undo()
+    LEARNING["observe"](expected)
+    assert_same_state(network, expected)
+
+
+def test_an_error_while_learning_leaves_what_was_known(monkeypatch):
+    network, untouched = make_taught(), make_taught()
+
+    def out_of_memory(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(MotorSchemas, "append_each", out_of_memory)
+    with pytest.raises(MemoryError):
+        LEARNING["observe"](network)
+    monkeypatch.undo()
+    assert_same_state(network, untouched)
+    for one in (network, untouched):
+        LEARNING["observe"](one)
+    assert_same_state(network, untouched)
+
+
+@pytest.mark.parametrize("schemas", [MotorSchemasConfig(1, 2), CompetingSchemasConfig(1, 2)])
+def test_while_a_thread_learns_others_recall_what_was_known(schemas, monkeypatch):
+    network = PACNet(PACNetConfig(SOFMConfig.paper(2, novelty_threshold=0.6), schemas))
+    network.observe(*make_circle(noise=0.01), episode=0)
+    before, after = copy.deepcopy(network), copy.deepcopy(network)
+    LEARNING["observe"](after)
+    asked = make_circle(noise=0.3, seed=8)[0]
+    half_way, go_on = threading.Event(), threading.Event()
+    append_each = Sequences.append_each
+
+    def append_slowly(*args: object) -> None:
+        append_each(*args)
+        half_way.set()
+        assert go_on.wait(60)
+
+    monkeypatch.setattr(Sequences, "append_each", append_slowly)
+    with ThreadPoolExecutor(1) as pool:
+        learned = pool.submit(LEARNING["observe"], network)
+        try:
+            assert half_way.wait(60)
+            for one, other in zip(network.recall(asked), before.recall(asked), strict=True):
+                assert_same(one, other)
+            assert_same_state(network, before)
+        finally:
+            go_on.set()
+        assert learned.result().inserted.any()
+    for one, other in zip(network.recall(asked), after.recall(asked), strict=True):
+        assert_same(one, other)
+    assert_same_state(network, after)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from pacnet import NOBODY, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
 from pacnet.competing_recall import CompetingRecall
-from pacnet.compiled_recall import CompiledNode
 from pacnet.node_schemas import NodeSchemas
 
 NODES, PLACES = 4, 16
-
-both_engines = pytest.mark.parametrize("kind", [NodeSchemas, CompiledNode])
 
 
 def make_random(seed: int) -> CompetingSchemas:
@@ -52,11 +50,8 @@ def watched_by_hand(schemas: CompetingSchemas, schema: int, probability: Tensor)
     return watched
 
 
-@both_engines
 @pytest.mark.parametrize("seed", range(3))
-def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue(
-    seed: int, kind: type[NodeSchemas]
-):
+def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue(seed: int):
     schemas = make_random(seed)
     timeline = schemas.timeline()
     assert timeline is not None
@@ -65,14 +60,14 @@ def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue
     several = 0
     for node in range(NODES):
         numbers = schemas.schemas_of(node)
-        here = kind(schemas, numbers, timeline)
+        here = NodeSchemas(schemas, numbers, timeline)
         assert here.numbers == numbers.tolist()
         several += len(schemas.lengths[numbers].unique()) > 1
         for _ in range(3):
             probability = torch.rand(10, PLACES, dtype=torch.float64, generator=generator) / 100
             percept = node + torch.randn(2, generator=generator)
-            distances = CompetingRecall(schemas, timeline).distances(percept)
-            confidences = here.confidences(distances, probability)
+            distances = CompetingRecall(schemas, timeline).distances(percept.numpy())
+            confidences = here.confidences(distances, probability.numpy())
             for schema, confidence in zip(here.numbers, confidences.tolist(), strict=True):
                 near = min((percept - cue).norm().item() for cue in schemas.cues(schema))
                 watched = watched_by_hand(schemas, schema, probability)
@@ -80,16 +75,14 @@ def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue
     assert several == NODES  # short and long ones side by side
 
 
-@both_engines
-def test_no_confidence_is_over_one(kind: type[NodeSchemas]):
+def test_no_confidence_is_over_one():
     schemas = make_random(0)
     timeline = schemas.timeline()
     assert timeline is not None
-    here = kind(schemas, schemas.schemas_of(0), timeline)
-    certain = torch.ones(timeline.rows.shape, dtype=torch.float64)  # which rounding may exceed
-    assert here.confidences(torch.zeros(len(schemas.pool)), certain).tolist() == [1.0] * len(
-        here.numbers
-    )
+    here = NodeSchemas(schemas, schemas.schemas_of(0), timeline)
+    certain = np.ones(timeline.rows.shape)  # which rounding may exceed
+    near = np.zeros(len(schemas.pool), np.float32)
+    assert here.confidences(near, certain).tolist() == [1.0] * len(here.numbers)
 
 
 def test_the_place_of_a_schema_and_its_rows():
@@ -102,3 +95,15 @@ def test_the_place_of_a_schema_and_its_rows():
         assert torch.equal(schemas.pool.live("cue")[here.rows_of(place)], schemas.cues(schema))
     stranger = int(schemas.schemas_of(0)[0])
     assert here.place_of(stranger) == here.place_of(NOBODY) == NOBODY
+
+
+def test_what_is_laid_out_for_more_than_it_is_given_is_refused():
+    schemas = make_random(0)
+    timeline = schemas.timeline()
+    assert timeline is not None
+    here = NodeSchemas(schemas, schemas.schemas_of(0), timeline)
+    near = np.zeros(len(schemas.pool), np.float32)
+    with pytest.raises(ValueError, match="of all that is known"):
+        here.confidences(near[:1], timeline.start)
+    with pytest.raises(ValueError, match="of all that is known"):
+        here.confidences(near, timeline.start[:, :1])

@@ -5,13 +5,16 @@ from __future__ import annotations
 import copy
 import functools
 import math
+import pickle
 import signal
+from collections.abc import Callable
 
 import pytest
 import torch
 from torch import Tensor
 
 from pacnet import (
+    CompetingSchemas,
     CompetingSchemasConfig,
     MotorSchemasConfig,
     PACNet,
@@ -19,7 +22,6 @@ from pacnet import (
     RecognitionConfig,
     SOFMConfig,
 )
-from pacnet.integrity import check_integrity
 
 PLACES = 64
 SCALE = (0.5, 2.0)
@@ -271,12 +273,18 @@ def test_reset_forgets_what_was_watched():
     assert_same(network.recall(down), expected[1])
 
 
-def test_a_deep_copy_goes_on_where_the_original_is_and_then_its_own_way():
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda network: pickle.loads(pickle.dumps(network))],
+    ids=["deep copy", "pickle"],
+)  # fmt: skip
+def test_a_copy_goes_on_where_the_original_is_and_then_its_own_way(
+    copied: Callable[[PACNet], PACNet],
+):
     network = make_taught()
     (up, _), (down, _) = make_episode(1, seed=9), make_episode(-1, seed=9)
     network.recognise(up[:80])
     network.recall(up[:80])
-    twin, other = copy.deepcopy(network), copy.deepcopy(network)
+    twin, other = copied(network), copied(network)
     twin.recognise(down)
     twin.recall(down)
     assert_same(network.recognise(up[80:]), other.recognise(up[80:]))
@@ -365,8 +373,7 @@ def test_map_and_schemas_agree_after_every_sample_of_a_random_run():
         # The target says where the percept was, so a schema given to a wrong node would show.
         one, target = percept[None], percept[None, :1]
         deleted += int(network.observe(one, target, sample // 50, f"b{sample // 150}").deleted)
-        network.state_dict()  # closes the gaps
-        check_integrity(network.sofm, network.schemas)
+        network.check_state(network.state_dict())
         if sample % 50 == 0 and len(network.schemas.passes):
             network.recognise(one)
             network.recall(one)
@@ -452,51 +459,36 @@ def test_parts_that_do_not_fit_are_refused():
         PACNetConfig(SOFMConfig.paper(2), CompetingSchemasConfig(1, percept_dimensions=3))
 
 
-@pytest.mark.parametrize("stretch", [2, 3])
-def test_ctrl_c_waits_until_map_and_schemas_have_learned_the_same(
-    monkeypatch, tmp_path, stretch: int
-):
-    monkeypatch.setattr("pacnet.network._AT_ONCE", 20)
-    network, other = make_taught(), make_taught()
+@pytest.mark.parametrize("verb", ["begin_checked", "append_each", "_changed"])
+def test_ctrl_c_while_an_episode_is_learned_leaves_what_was_known(monkeypatch, tmp_path, verb: str):
+    network, untouched = make_taught(), make_taught()
     percepts, targets = make_episode(1, seed=9)
-    append, appended = network.schemas.append_each, []
+    for one in (network, untouched):
+        one.recognise(percepts[:60])
+        one.recall(percepts[:60])
+    method, called = getattr(CompetingSchemas, verb), []
 
-    def interrupted_append(*args) -> None:  # in the middle of a stretch, the passes are open
-        appended.append(args)
-        if len(appended) == stretch:
-            signal.raise_signal(signal.SIGINT)
-        append(*args)
-
-    monkeypatch.setattr(network.schemas, "append_each", interrupted_append)
-    previous = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            network.observe(percepts, targets, episode=4, behaviour="up")
-    finally:
-        signal.signal(signal.SIGINT, previous)
-    learned = stretch * 20
-    other.observe(percepts[:learned], targets[:learned], episode=4, behaviour="up")
-    assert_same_state(network, other)
-    network.save_pretrained(tmp_path)
-    assert PACNet.from_pretrained(tmp_path).behaviours == NAMES
-
-
-def test_ctrl_c_while_an_episode_begins_waits_until_it_has(monkeypatch):
-    network, other = make_taught(), make_taught()
-    begin = network.schemas.begin
-
-    def interrupted_begin(*args) -> None:
+    def interrupted(*args: object) -> None:  # half way: the map has learned, passes are open
+        method(*args)
+        called.append(args)
         signal.raise_signal(signal.SIGINT)
-        begin(*args)
 
-    monkeypatch.setattr(network.schemas, "begin", interrupted_begin)
+    monkeypatch.setattr(CompetingSchemas, verb, interrupted)
     previous = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            network.observe(*make_episode(1), episode=4, behaviour="up")
+            network.observe(percepts, targets, episode=4, behaviour="new")
     finally:
         signal.signal(signal.SIGINT, previous)
     monkeypatch.undo()
-    for one in (network, other):
-        one.observe(*make_episode(1), episode=4, behaviour="up")
-    assert_same_state(network, other)
+    assert len(called) == 1
+    assert_same_state(network, untouched)
+    assert network.behaviours == NAMES
+    # What is being watched goes on as if nothing had been.
+    assert_same(network.recognise(percepts[60:]), untouched.recognise(percepts[60:]))
+    assert_same(network.recall(percepts[60:]), untouched.recall(percepts[60:]))
+    network.save_pretrained(tmp_path)
+    for one in (network, untouched, loaded := PACNet.from_pretrained(tmp_path)):
+        one.observe(percepts, targets, episode=4, behaviour="new")
+    assert_same_state(network, untouched)
+    assert_same_state(loaded, untouched)

@@ -353,7 +353,7 @@ def test_a_process_that_is_interrupted_keeps_its_finished_episodes(tmp_path: Pat
         for _ in range(3):
             process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=60)
+        output, errors = process.communicate(timeout=1800)
 
     assert "KeyboardInterrupt" in errors
     finished = 3 + len(output.split())

@@ -3,8 +3,7 @@
 import pytest
 import torch
 
-from pacnet import MotorSchemas, MotorSchemasConfig
-from pacnet.engine import Engine
+from pacnet import NOBODY, MotorSchemas, MotorSchemasConfig
 
 
 def make_schemas(nodes: int = 2, **fields: object) -> MotorSchemas:
@@ -23,7 +22,7 @@ def write(schemas: MotorSchemas, node: int, *values: float, episode: int = 0) ->
 
 def recalled(schemas: MotorSchemas, node: int, *cues: float) -> list[float | None]:
     """Targets recalled for percepts in turn."""
-    results = [schemas.recall(node, torch.tensor([cue])) for cue in cues]
+    results = [schemas.recall(node, torch.tensor([float(cue)])) for cue in cues]
     return [None if result is None else result.target.item() for result in results]
 
 
@@ -247,25 +246,56 @@ def test_fewer_cues_than_asked_for_are_all_averaged():
     assert recalled.position == 1
 
 
-@pytest.mark.parametrize("engine", ["eager", "compiled"])
-def test_both_engines_refuse_a_node_that_there_is_not(engine: Engine):
-    schemas = MotorSchemas(MotorSchemasConfig(1, 1), engine)
+def test_a_node_that_there_is_not_is_refused():
+    schemas = make_schemas(nodes=3)
     for node in range(3):
-        schemas.add_node()
-        schemas.write(node, torch.ones(1), torch.ones(1), 0, habituated=True)
+        write(schemas, node, 1)
     schemas.delete(torch.tensor([2]))
-    with pytest.raises(ValueError, match="expected a node from 0 to 1, got 2"):
+    with pytest.raises(ValueError, match="expected a node from -1 to 1, -1 for none, got 2"):
         schemas.recall_samples(torch.tensor([0, 2]), torch.ones(2, 1))
-    with pytest.raises(ValueError, match="expected a node from 0 to 1, got 2"):
-        schemas.recall_row(2, torch.ones(1).numpy())
+    with pytest.raises(ValueError, match="expected a node from -1 to 1, -1 for none, got 2"):
+        schemas.recall(2, torch.ones(1))
+
+
+def test_nobody_recalls_nothing():
+    schemas = make_schemas()
+    write(schemas, 0, 1)
+    assert schemas.recall(NOBODY, torch.zeros(1)) is None
+    recalled = schemas.recall_samples(torch.tensor([NOBODY, 0]), torch.zeros(2, 1))
+    assert recalled.position.tolist() == [-1, 0]
+    assert recalled.schema.tolist() == [NOBODY, 0]
+    assert recalled.target.isnan().flatten().tolist() == [True, False]
+
+
+@pytest.mark.parametrize("recall_by", ["cue", "order"])
+@pytest.mark.parametrize(
+    "percept",
+    [torch.zeros(1, dtype=torch.int64), torch.zeros(2), torch.zeros(1).double(),
+     torch.tensor([torch.nan])],
+)  # fmt: skip
+def test_a_bad_percept_is_refused(recall_by: str, percept: torch.Tensor):
+    schemas = make_schemas(recall_by=recall_by)
+    write(schemas, 0, 1, 2)
+    with pytest.raises(ValueError, match=r"expected (finite )?percept"):
+        schemas.recall(0, percept)
+    with pytest.raises(ValueError, match=r"expected (finite )?percept"):
+        schemas.recall_samples(torch.tensor([0]), percept[None])
+    assert recalled(schemas, 0, 0) == [1]  # by order, nothing has moved
+
+
+def test_a_state_whose_sequence_leaves_the_pool_is_not_loaded():
+    schemas = make_schemas(nodes=1)
+    write(schemas, 0, 1)
+    state = schemas.state_dict()
+    state["blocks.length"][0] = 10**6
+    with pytest.raises(ValueError, match="lengths of sequences"):
+        schemas.load_state_dict(state)
+    assert recalled(schemas, 0, 0.1) == [1]
 
 
 def test_a_sequence_that_leaves_the_pool_is_refused():
-    schemas = MotorSchemas(MotorSchemasConfig(1, 1), "compiled")
-    schemas.add_node()
-    schemas.write(0, torch.ones(1), torch.ones(1), 0, habituated=True)
-    state = schemas.state_dict()
-    state["blocks.length"][0] = 10**6
-    schemas.load_state_dict(state)
-    with pytest.raises(ValueError, match="expected sequences within the 1 rows of the pool"):
-        schemas.recall_row(0, torch.ones(1).numpy())
+    schemas = make_schemas(nodes=1)
+    write(schemas, 0, 1)
+    schemas.blocks.live("length")[0] = 10**6
+    with pytest.raises(ValueError, match="expected sequences within the"):
+        schemas.recall(0, torch.ones(1))

@@ -217,5 +217,5 @@ def test_the_processes_of_a_pool_end_with_their_parent(how: signal.Signals, tmp_
     )
     time.sleep(15)  # for its processes to start
     os.kill(process.pid, how)
-    process.communicate(timeout=20)  # until none of them holds its end of the pipe
+    process.communicate(timeout=1800)  # until none of them holds its end of the pipe
     assert process.returncode != 0

@@ -132,8 +132,8 @@ def test_an_action_held_for_two_steps():
     predicted = model.predict(states, torch.tensor([[RIGHT], [RIGHT], [LEFT]]))
     assert (predicted - MIDDLE).flatten().tolist() == pytest.approx([17.5, 20.0, 7.5])
     outcomes = model.outcomes(states, model.candidates)
-    assert outcomes.known.tolist() == [[True, True], [True, True], [True, False]]
-    assert outcomes.states[:2, 1].tolist() == predicted[:2].tolist()
+    assert outcomes.isnan()[..., 0].tolist() == [[False, False], [False, False], [False, True]]
+    assert outcomes[:2, 1].tolist() == predicted[:2].tolist()
 
 
 def test_more_steps_are_powers_of_the_matrix():
@@ -227,5 +227,5 @@ def test_negative_counts_are_refused(tmp_path):
     model = matrix()
     model.counts[0, 0, 0] = -1
     model.save_pretrained(tmp_path)
-    with pytest.raises(ValueError, match=r"expected counts ≥ 0 .* got -1"):
+    with pytest.raises(ValueError, match="expected counts ≥ 0, got -1"):
         TransitionMatrix.from_pretrained(tmp_path)

@@ -1,11 +1,11 @@
-"""The kernels of recall, against plain numpy."""
+"""Distances, against plain numpy."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from pacnet.compiled_recall import distances_of
+from pacnet.distances import distances_of
 
 
 @pytest.mark.parametrize("dimensions", [1, 3, 8, 9, 16, 17, 28, 40])
@@ -29,5 +29,11 @@ def test_rows_that_do_not_lie_one_after_the_other_are_read_as_they_are():
     table = rng.standard_normal((12, 20)).astype(np.float32)
     expected = np.linalg.norm(table.T[:, ::2] - table[::2, 3], axis=1)
     np.testing.assert_allclose(distances_of(table[::2, 3], table.T[:, ::2]), expected, rtol=1e-6)
-    doubles = distances_of(table[::2, 3].astype(np.float64), table.T[:, ::2].astype(np.float64))
-    np.testing.assert_allclose(doubles, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("rows", [1, 3, 4, 50])
+def test_doubles_are_not_rounded_to_single_precision(rows: int):
+    rng = np.random.default_rng(rows)
+    percept, cues = rng.standard_normal(9), rng.standard_normal((rows, 9))
+    expected = np.linalg.norm(cues - percept, axis=1)
+    np.testing.assert_allclose(distances_of(percept, cues), expected, rtol=1e-14)
