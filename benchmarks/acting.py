@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import replace
-from itertools import cycle, islice
-from typing import NamedTuple
+from itertools import cycle, islice, takewhile
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -20,53 +20,48 @@ from pacnet.demonstrations import Demonstrations
 from pacnet.imitator import Imitator
 
 RATE = 500  # of the steady control loop [1/s]
-STEADY, BUSY = 5_000, 20_000  # steps of each kind of loop
+STEADY, BUSY = 5_000, 20_000  # steps of each kind of loop, alone
 LESSONS, SHORT = 200, 50  # demonstrations that are learned meanwhile, and frames of each
+_Times = TypeVar("_Times")
 WANTED = 5  # [ms], of all but one step in a thousand
 
 TEXT = f"""`Imitator.step` by an imitator of {SHOWN} demonstrations of {LENGTH} frames, {DIMENSIONS}
-dimensions and {JOINTS} actions. Beside it another thread of the same process lets a copy of the
-imitator learn {LESSONS} demonstrations of {SHORT} frames, one call of `Imitator.learn` each, and
-begins anew with another copy when it is through: {{learned:,}} were learned meanwhile.
-The steady loop takes {STEADY:,} steps at {RATE} a second and sleeps in between, the busy one
-{BUSY:,} without a pause. A step's time is that of the call; «from when it was due» adds what the
-loop woke up late. Everything was compiled before. One thread each, and one interpreter: each has
-to wait until the other lets go of it.
+dimensions and {JOINTS} actions. Beside it another thread of the same process lets the same imitator
+learn {LESSONS} demonstrations of {SHORT} frames, one call of `Imitator.learn` each. The steady loop
+steps {RATE} times a second and sleeps in between, until the last demonstration is learned; the busy
+one takes {BUSY:,} steps without a pause. Alone they take {STEADY:,} and {BUSY:,}. A step's time is
+that of the call; «from when it was due» adds what the loop woke up late. Everything was compiled
+before. One thread each, and one interpreter: each has to wait until the other lets go of it.
 """
 
 
 class Learning:
-    """A thread that learns demonstrations for as long as it is wanted.
+    """A thread that lets an imitator learn demonstrations, one after the other.
 
     Attributes:
         learned: number of demonstrations learned so far.
+        over: set when it has learned them all, or failed.
     """
 
-    def __init__(self, taught: Imitator, lessons: Demonstrations) -> None:
-        self.learned = 0
-        self._taught, self._lessons = deepcopy(taught), lessons  # the one acts, the copy is copied
-        self._over = threading.Event()
+    def __init__(self, imitator: Imitator, lessons: Demonstrations) -> None:
+        self.learned, self.over = 0, threading.Event()
+        self._imitator, self._lessons = imitator.train(), lessons
 
     @contextmanager
     def beside(self) -> Iterator[None]:
-        """Learns during the block; an error of the thread is raised at its end."""
-        self._over.clear()
+        """Learns beside the block; an error of the thread is raised at its end."""
         with ThreadPoolExecutor(1) as pool:
             learning = pool.submit(self._learn)
-            try:
-                yield
-            finally:
-                self._over.set()
+            yield
             learning.result()
 
     def _learn(self) -> None:
-        while not self._over.is_set():
-            learner = deepcopy(self._taught).train()
+        try:
             for shown in self._lessons:
-                learner.learn(replace(self._lessons, episodes=(shown,)))
+                self._imitator.learn(replace(self._lessons, episodes=(shown,)))
                 self.learned += 1
-                if self._over.is_set():
-                    break
+        finally:
+            self.over.set()
 
 
 class Steady(NamedTuple):
@@ -96,29 +91,32 @@ def steady(acting: Imitator, percepts: Iterator[np.ndarray], rate: float) -> Ste
 
 def measure(steps: tuple[int, int] = (STEADY, BUSY), rate: float = RATE) -> list[Table]:
     """One row a kind of loop, alone and beside learning."""
-    acting, watched = imitator("auto")
+    taught, watched = imitator("auto")
     lessons, _ = laps(LESSONS, SHORT)
-    learning = Learning(acting, lessons)
-    _warm(acting, watched, lessons)
+    _warm(taught, watched, lessons)
+    alone = steady(taught, islice(cycle(watched), steps[0]), rate)
+    busy_alone = latencies(taught.step, islice(cycle(watched), steps[1]))
 
-    def percepts(count: int) -> Iterator[np.ndarray]:
-        return islice(cycle(watched), count)
+    def beside(loop: Callable[[Imitator, Iterator[np.ndarray]], _Times]) -> _Times:
+        acting = deepcopy(taught)
+        learning = Learning(acting, lessons)
+        with learning.beside():
+            return loop(acting, takewhile(lambda _: not learning.over.is_set(), cycle(watched)))
 
-    alone = steady(acting, percepts(steps[0]), rate)
-    busy_alone = latencies(acting.step, percepts(steps[1]))
-    with learning.beside():
-        beside = steady(acting, percepts(steps[0]), rate)
-        busy_beside = latencies(acting.step, percepts(steps[1]))
+    steady_beside = beside(lambda acting, percepts: steady(acting, percepts, rate))
+    busy_beside = beside(
+        lambda acting, percepts: latencies(acting.step, islice(percepts, steps[1]))
+    )
     rows = [
         _row("steady, alone", alone.taken),
-        _row("steady, beside learning", beside.taken, WANTED),
+        _row("steady, beside learning", steady_beside.taken, WANTED),
         _row("steady, alone, from when it was due", alone.since_due),
-        _row("steady, beside learning, from when it was due", beside.since_due),
+        _row("steady, beside learning, from when it was due", steady_beside.since_due),
         _row("busy, alone", busy_alone),
         _row("busy, beside learning", busy_beside, WANTED),
     ]
     columns = ("loop", "p50 [ms]", "p99 [ms]", "p99.9 [ms]", "wanted", "max [ms]")
-    return [Table("Acting while learning", TEXT.format(learned=learning.learned), columns, rows)]
+    return [Table("Acting while learning", TEXT, columns, rows)]
 
 
 def _warm(acting: Imitator, watched: np.ndarray, lessons: Demonstrations) -> None:

@@ -28,7 +28,8 @@ DOES = {
 TEXT = f"""{QUERIES:,} percepts of {DIMENSIONS} dimensions against {NODES:,} nodes; uniformly
 random, all float32. Threads are set by `torch.set_num_threads` for pacnet and torch and by
 `faiss.omp_set_num_threads` for faiss; numpy's matrix product keeps the one thread that
-`OMP_NUM_THREADS=1` gave it.
+`OMP_NUM_THREADS=1` gave it. With vector instructions written by hand pacnet led faiss (0.75 ×); in
+plain numba it does not.
 """
 
 

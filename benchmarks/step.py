@@ -28,7 +28,9 @@ hundred of {STEPS:,} calls ({EAGER_STEPS:,} of eager torch), one thread. The map
 forward model, which tries 21 actions; its percepts are noisy visits to the learned places,
 {{commanded:.0%}} of which recall a target. The imitator keeps {{kept:,}} percepts of {SHOWN}
 demonstrations of {LENGTH} frames, {DIMENSIONS} dimensions and {JOINTS} actions, compares each
-percept with all of them, and watches {LENGTH} frames more, again and again.
+percept with all of them, and watches {LENGTH} frames more, again and again. A step that learns
+hands sixteen arrays to its kernel and compares the edges with those that are listed: with
+addresses in the place of arrays it took less than half as long.
 """
 
 
