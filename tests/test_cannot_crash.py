@@ -500,12 +500,12 @@ def sizes_that_contradict_the_tensors() -> None:
             resource.setrlimit(resource.RLIMIT_AS, before)
 
     changes: list[tuple[str, tuple[str, ...], int]] = [
-        ("cue", ("attention", "dimensions"), 10**7),
+        ("cue", ("attention", "dimensions"), 10**9),
         ("cue", ("schemas", "target_dimensions"), 10**9),
         ("cue", ("schemas", "percept_dimensions"), 10**9),
         ("competing", ("schemas", "target_dimensions"), 10**9),
         ("competing", ("schemas", "recognition", "places"), 10**9),
-        ("imitator", ("network", "attention", "dimensions"), 10**7),
+        ("imitator", ("network", "attention", "dimensions"), 10**9),
         ("imitator", ("network", "schemas", "target_dimensions"), 10**9),
         ("imitator", ("network", "schemas", "recognition", "places"), 10**9),
         ("imitator", ("lead",), 10**9),
