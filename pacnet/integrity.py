@@ -46,15 +46,8 @@ def check_on_load(module: nn.Module) -> None:
     module.register_load_state_dict_pre_hook(_check_loaded)
 
 
-def _check_loaded(
-    module: Any, state_dict: Mapping[str, Tensor], prefix: str, _: object, strict: bool, *__: object
-) -> None:
-    own = {name[len(prefix) :]: t for name, t in state_dict.items() if name.startswith(prefix)}
-    if not own and not strict:
-        return  # nothing of it is loaded
-    if not strict:
-        own = {name: own[name] for name in own.keys() & _forms_of(module).keys()}
-    module.check_state(own)
+def _check_loaded(module: Any, state_dict: Mapping[str, Tensor], prefix: str, *_: object) -> None:
+    module.check_state(part_of(state_dict, prefix))  # torch tells no hook that it is not strict
     for name, buffer in module.named_buffers():
         if not isinstance(module.get_submodule(name.rpartition(".")[0]), GrowableRows):
             check_storage(name, buffer)  # it is copied to
