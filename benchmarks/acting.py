@@ -16,8 +16,8 @@ import numpy as np
 
 from benchmarks.harness import NOTHING, Table, latencies, number, run_alone
 from benchmarks.step import DIMENSIONS, JOINTS, LENGTH, SHOWN, imitator, laps
-from pacnet.demonstrations import Demonstrations
-from pacnet.imitator import Imitator
+from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.imitator.imitator import Imitator
 
 RATE = 500  # of the steady control loop [1/s]
 STEADY, BUSY = 5_000, 20_000  # steps of each kind of loop, alone

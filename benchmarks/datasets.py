@@ -20,9 +20,9 @@ import numpy as np
 
 from benchmarks.harness import NOTHING, Contestant, Table, factor, number, race, run_alone
 from benchmarks.machine import version_of
-from pacnet.datasets.lerobot_files import DatasetError
-from pacnet.demonstrations import load_demonstrations
-from pacnet.recorder import Recorder, recover
+from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.format.lerobot_files import DatasetError
+from pacnet.datasets.recorder import Recorder, recover
 
 EPISODES, LENGTH, DIMENSIONS, FPS = 30, 1000, 6, 50
 FRAMES = EPISODES * LENGTH
@@ -107,7 +107,7 @@ def into_new_folders(write: Callable[[Path], None], folder: Path) -> Contestant:
 
 def measure_writing(folder: Path) -> Table:
     """Both writers."""
-    contestants = {"LeRobot": write_stock, "`pacnet.recorder.Recorder`": write_ours}
+    contestants = {"LeRobot": write_stock, "`pacnet.Recorder`": write_ours}
     prepared = {name: into_new_folders(write, folder) for name, write in contestants.items()}
     stock, ours = race(prepared, budget=60, most=5).values()
     names = [*contestants]

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.harness import Table, number, run_alone
-from pacnet.recorder import Recorder
+from pacnet.datasets.recorder import Recorder
 
 EPISODES, LENGTH, FPS, JOINTS = 30, 1000, 50, 11
 DIMENSIONS = 28

@@ -21,7 +21,7 @@ IMPORTS = {"torch": "import torch", "pacnet": "from pacnet import PACNet"}
 CALLS = f"""
 import numpy as np, torch
 from pacnet import HabituatingSOFM, Imitator, MLPForwardModel, PACNet, SOFMConfig
-from pacnet.demonstrations import Demonstration, Demonstrations
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 torch.set_num_threads(1)
 percepts = torch.rand(200, 28)
 som = HabituatingSOFM(SOFMConfig.paper(28), engine="compiled")

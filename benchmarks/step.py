@@ -11,9 +11,9 @@ import torch
 from benchmarks.harness import NOTHING, Table, factor, latencies, number, run_alone
 from benchmarks.streams import demonstrations
 from pacnet import CompetingSchemas, HabituatingSOFM, MLPForwardModel, PACNet, SOFMConfig
-from pacnet.demonstrations import Demonstration, Demonstrations
-from pacnet.engine import Engine
-from pacnet.imitator import Imitator
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.imitator.imitator import Imitator
+from pacnet.kernels.engine import Engine
 
 CHECKPOINTS = Path(__file__).parents[1] / "checkpoints"
 STEPS, EAGER_STEPS = 20_000, 1_000

@@ -7,15 +7,47 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pacnet.api import *  # noqa: F403
+    from pacnet.attention import *  # noqa: F403
+    from pacnet.competition import *  # noqa: F403
+    from pacnet.datasets import *  # noqa: F403
+    from pacnet.forward_models import *  # noqa: F403
+    from pacnet.imitator import *  # noqa: F403
+    from pacnet.network import *  # noqa: F403
+    from pacnet.schemas import *  # noqa: F403
+
+_PUBLIC = {  # folder -> the names that `pacnet` offers
+    "attention": (
+        "NOBODY", "Attention", "HabituatingSOFM", "Observation", "SOFMConfig", "SOFMEnsemble",
+        "Step",
+    ),
+    "competition": (
+        "CompetingSchemas", "CompetingSchemasConfig", "Competition", "CompetitionConfig",
+        "Recognition", "RecognitionConfig",
+    ),
+    "datasets": ("Recorder", "load_demonstrations"),
+    "forward_models": (
+        "Command", "ForwardModel", "MLPForwardModel", "MLPForwardModelConfig",
+        "OneStateForwardModel", "PIDConfig", "PIDController", "Selection", "TransitionMatrix",
+        "TransitionMatrixConfig",
+    ),
+    "imitator": ("Imitator",),
+    "network": (
+        "Action", "Decision", "PACNet", "PACNetConfig", "Recall", "SchemaNetwork",
+        "SchemaNetworkConfig",
+    ),
+    "schemas": ("MotorSchemas", "MotorSchemasConfig", "targets_ahead"),
+}  # fmt: skip
+_FOLDER_OF = {name: folder for folder, names in _PUBLIC.items() for name in names}
+
+__all__ = sorted(_FOLDER_OF)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
-# PyTorch takes seconds to import, which `pacnet --help` has no need of.
+# PyTorch takes seconds to import, which `pacnet --help` does not need.
 def __getattr__(name: str) -> Any:
-    if name.startswith("__") and name != "__all__":
+    if name not in _FOLDER_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("pacnet.api"), name)
+    return getattr(import_module(f"pacnet.{_FOLDER_OF[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *__getattr__("__all__")]
+    return [*globals(), *__all__]

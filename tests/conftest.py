@@ -12,6 +12,6 @@ def forks() -> ForkServerContext:
     context = multiprocessing.get_context("forkserver")
     # What the test modules import; Python 3.11 cannot find the modules themselves there.
     context.set_forkserver_preload(
-        ["pytest", "pyarrow.parquet", "pacnet.demonstrations", "pacnet.network", "pacnet.recorder"]
+        ["pytest", "pyarrow.parquet", "pacnet.datasets", "pacnet.network"]
     )
     return context

@@ -23,27 +23,41 @@ from envs.humanoid import JOINTS
 from envs.physics import CONTROL_TIMESTEP
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
 from pacnet import CompetingSchemasConfig, PACNet, PACNetConfig, RecognitionConfig
-from pacnet.demonstrations import load_demonstrations
-from pacnet.recognition_figures import recognition_over_time
-from pacnet.recorder import Recorder
-from pacnet.threads import use_one_thread
-from train.behaviour_episodes import (
+from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.recorder import Recorder
+from pacnet.evaluation.recognition_figures import recognition_over_time
+from pacnet.kernels.threads import use_one_thread
+from train.common.learning_log import LearningLog
+from train.common.runs import (
+    command_line,
+    make_parser,
+    positive,
+    run_folder,
+    save_figures,
+    write_metrics,
+)
+from train.postural.behaviours.episodes import (
     CHECKPOINTS,
     ONE,
     SEVERAL,
     BehaviourEpisode,
     behaviour_episodes,
 )
-from train.behaviour_figures import naming, novelty
-from train.behaviour_scores import NAMING_SHARE, score_novelty, score_recall, score_recognition
-from train.learning_log import LearningLog
-from train.postural_episodes import (
+from train.postural.behaviours.figures import naming, novelty
+from train.postural.behaviours.scores import (
+    NAMING_SHARE,
+    score_novelty,
+    score_recall,
+    score_recognition,
+)
+from train.postural.episodes import (
     Condition,
     demonstration_seeds,
     make_environment,
     recall_seeds,
     watch_demonstration,
 )
+from train.postural.report import FPS, film
 from train.postural_imitation import (
     FEATURES,
     NOVELTY_THRESHOLD,
@@ -52,15 +66,6 @@ from train.postural_imitation import (
     frames_of,
     learn,
     make_network,
-)
-from train.postural_report import FPS, film
-from train.runs import (
-    command_line,
-    make_parser,
-    positive,
-    run_folder,
-    save_figures,
-    write_metrics,
 )
 
 TASKS = {

@@ -23,11 +23,12 @@ from tqdm import tqdm
 from envs.glass_offset import draw_offset
 from envs.postural_imitation import PosturalImitationEnv
 from envs.scene import CONTROL_TIMESTEP
-from pacnet.demonstrations import Demonstrations, load_demonstrations
-from pacnet.imitator import Imitator
-from pacnet.recorder import Recorder
-from pacnet.threads import use_one_thread
-from train.correct_episodes import (
+from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
+from pacnet.datasets.recorder import Recorder
+from pacnet.imitator.imitator import Imitator
+from pacnet.kernels.threads import use_one_thread
+from train.common.runs import command_line, make_parser, run_folder, save_figures, write_metrics
+from train.postural.correction.episodes import (
     COLUMNS,
     USUAL,
     Attempt,
@@ -41,12 +42,11 @@ from train.correct_episodes import (
     columns_of,
     demonstrate,
 )
-from train.correct_figures import novelty_over_time
-from train.correct_scores import print_scores, print_turn, score_attempts, score_turn
-from train.postural_episodes import TASK, Condition, make_environment
+from train.postural.correction.figures import novelty_over_time
+from train.postural.correction.scores import print_scores, print_turn, score_attempts, score_turn
+from train.postural.episodes import TASK, Condition, make_environment
+from train.postural.report import FPS
 from train.postural_imitation import FEATURES
-from train.postural_report import FPS
-from train.runs import command_line, make_parser, run_folder, save_figures, write_metrics
 
 DISTANCE = 0.15  # [m] of a new place from the usual one
 ENOUGH = 5  # attempts at a new place, one after the other, that need no correction

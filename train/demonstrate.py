@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 
 from train.behaviours import TASKS
+from train.common.runs import natural, positive
 from train.postural_imitation import record
-from train.runs import natural, positive
 
 
 def parse_arguments() -> argparse.Namespace:

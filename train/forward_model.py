@@ -16,11 +16,10 @@ from torch import Tensor
 
 from envs.khepera import INFRARED_NAMES
 from pacnet import MLPForwardModel
-from pacnet.fitting import r2_of_change
-from pacnet.threads import use_one_thread
-from train.forward_model_figures import calibration, fit_curves
-from train.learning_log import LearningLog
-from train.runs import (
+from pacnet.forward_models.fitting import r2_of_change
+from pacnet.kernels.threads import use_one_thread
+from train.common.learning_log import LearningLog
+from train.common.runs import (
     UNSEEN_ARENAS,
     command_line,
     make_parser,
@@ -30,8 +29,9 @@ from train.runs import (
     taught_arena,
     write_metrics,
 )
-from train.wall_episodes import Transitions, testing_seed, wander
-from train.wall_learning import (
+from train.walls.episodes import Transitions, testing_seed, wander
+from train.walls.forward_model_figures import calibration, fit_curves
+from train.walls.learning import (
     TRANSITIONS,
     fit,
     load_wandering,

@@ -18,11 +18,20 @@ from tqdm import tqdm
 from envs.humanoid import JOINTS
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
-from pacnet.demonstrations import Demonstrations, load_demonstrations
-from pacnet.recorder import Recorder
-from pacnet.threads import use_one_thread
-from train.learning_log import LearningLog
-from train.postural_episodes import (
+from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
+from pacnet.datasets.recorder import Recorder
+from pacnet.kernels.threads import use_one_thread
+from train.common.learning_log import LearningLog
+from train.common.runs import (
+    command_line,
+    make_parser,
+    positive,
+    run_folder,
+    save_figures,
+    threshold,
+    write_metrics,
+)
+from train.postural.episodes import (
     TASK,
     Condition,
     demonstration_seeds,
@@ -32,17 +41,8 @@ from train.postural_episodes import (
     recall_seeds,
     watch_demonstration,
 )
-from train.postural_report import FPS, draw, film, print_table
-from train.postural_scores import score_episodes, score_order, winners_of
-from train.runs import (
-    command_line,
-    make_parser,
-    positive,
-    run_folder,
-    save_figures,
-    threshold,
-    write_metrics,
-)
+from train.postural.report import FPS, draw, film, print_table
+from train.postural.scores import score_episodes, score_order, winners_of
 
 FEATURES = {
     "observation.state": STATE_NAMES,  # perceived angles and velocities of the demonstrator

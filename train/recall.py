@@ -8,10 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from train.postural_episodes import PERCEPTS, TARGETS, Condition, recall_episodes, recall_seeds
-from train.postural_report import film, print_table
-from train.postural_scores import score_episodes
-from train.runs import (
+from train.common.runs import (
     command_line,
     factor,
     load_or_exit,
@@ -19,6 +16,9 @@ from train.runs import (
     run_folder,
     write_metrics,
 )
+from train.postural.episodes import PERCEPTS, TARGETS, Condition, recall_episodes, recall_seeds
+from train.postural.report import film, print_table
+from train.postural.scores import score_episodes
 
 
 def parse_arguments() -> argparse.Namespace:

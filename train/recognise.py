@@ -20,19 +20,19 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pacnet import PACNet
-from pacnet.annotations import check_source, write_annotated
-from pacnet.competing_schemas_config import CompetingSchemasConfig
-from pacnet.demonstrations import (
+from pacnet.competition.config import CompetingSchemasConfig
+from pacnet.datasets.annotations import check_source, write_annotated
+from pacnet.datasets.demonstrations import (
     STATE,
     Demonstrations,
     dimension_names,
     load_demonstrations,
 )
-from pacnet.recognition_figures import recognition_over_time
-from pacnet.threads import use_one_thread
-from pacnet.watching import Watched, column_names, column_values, joined, shown
-from train.recognition_scores import print_table, score_all, score_episode
-from train.runs import make_parser, natural, run_folder, save_figures, write_metrics
+from pacnet.evaluation.recognised import Watched, column_names, column_values, joined, shown
+from pacnet.evaluation.recognition_figures import recognition_over_time
+from pacnet.kernels.threads import use_one_thread
+from train.common.runs import make_parser, natural, run_folder, save_figures, write_metrics
+from train.postural.recognition.scores import print_table, score_all, score_episode
 
 CHUNK = 50  # samples between two steps of the progress bar
 

@@ -16,10 +16,8 @@ from pathlib import Path
 
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
 from pacnet import PACNet
-from train.learning_log import LearningLog
-from train.retraining_replicates import draw_replicates, run_replicates
-from train.retraining_report import Outcome, draw, print_tables, summary
-from train.runs import (
+from train.common.learning_log import LearningLog
+from train.common.runs import (
     command_line,
     make_parser,
     positive,
@@ -28,6 +26,8 @@ from train.runs import (
     threshold,
     write_metrics,
 )
+from train.postural.retraining.replicates import draw_replicates, run_replicates
+from train.postural.retraining.report import Outcome, draw, print_tables, summary
 
 
 def parse_arguments() -> argparse.Namespace:

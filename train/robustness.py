@@ -8,10 +8,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pacnet.figures import robustness
-from train.postural_episodes import PERCEPTS, TARGETS, Condition, recall_episodes, recall_seeds
-from train.postural_scores import Scores, score_episodes
-from train.runs import (
+from pacnet.evaluation.map_figures import robustness
+from train.common.runs import (
     command_line,
     load_or_exit,
     make_parser,
@@ -19,6 +17,8 @@ from train.runs import (
     save_figures,
     write_metrics,
 )
+from train.postural.episodes import PERCEPTS, TARGETS, Condition, recall_episodes, recall_seeds
+from train.postural.scores import Scores, score_episodes
 
 CONDITIONS = {
     "as taught": Condition(),

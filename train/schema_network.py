@@ -22,27 +22,20 @@ from tqdm import tqdm
 from envs.physics import CONTROL_TIMESTEP
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES
 from pacnet import PACNet
-from pacnet.demonstrations import Demonstrations, load_demonstrations
-from pacnet.recorder import Recorder
-from pacnet.schema_network import SchemaNetwork
-from pacnet.threads import use_one_thread
-from train.learning_log import LearningLog
-from train.postural_episodes import (
+from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
+from pacnet.datasets.recorder import Recorder
+from pacnet.kernels.threads import use_one_thread
+from pacnet.network.schema_network import SchemaNetwork
+from train.common.learning_log import LearningLog
+from train.common.runs import command_line, make_parser, run_folder, save_figures, write_metrics
+from train.postural.episodes import (
     Condition,
     demonstration_seeds,
     make_environment,
     recall_seeds,
 )
-from train.postural_imitation import (
-    FEATURES,
-    NOVELTY_THRESHOLD,
-    frames_of,
-    learn,
-    make_network,
-)
-from train.postural_report import FPS
-from train.runs import command_line, make_parser, run_folder, save_figures, write_metrics
-from train.schema_network_episodes import (
+from train.postural.report import FPS
+from train.postural.schema_network.episodes import (
     PACNET,
     SCHEMA_NETWORK,
     SCHEMA_NETWORK_HELD,
@@ -54,17 +47,24 @@ from train.schema_network_episodes import (
     make_schema_network,
     watch,
 )
-from train.schema_network_figures import (
+from train.postural.schema_network.figures import (
     Behaviour,
     side_by_side,
     switches_per_episode,
     winners_and_confidences,
 )
-from train.schema_network_scores import (
+from train.postural.schema_network.scores import (
     GRASPING,
     score_duplicates,
     score_schemas,
     score_system,
+)
+from train.postural_imitation import (
+    FEATURES,
+    NOVELTY_THRESHOLD,
+    frames_of,
+    learn,
+    make_network,
 )
 
 LESSONS = 3  # times that PACNet watches each demonstration: nodes that win rarely settle late

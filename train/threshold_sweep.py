@@ -13,13 +13,10 @@ from typing import Literal
 
 from matplotlib.figure import Figure
 
-from pacnet.demonstrations import load_demonstrations
-from pacnet.figures import threshold_sweep
-from train.learning_log import LearningLog
-from train.postural_episodes import Condition, recall_episodes, recall_seeds
-from train.postural_imitation import NOVELTY_THRESHOLD, learn, make_network, record
-from train.postural_scores import score_episodes
-from train.runs import (
+from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.evaluation.map_figures import threshold_sweep
+from train.common.learning_log import LearningLog
+from train.common.runs import (
     command_line,
     make_parser,
     positive,
@@ -27,6 +24,9 @@ from train.runs import (
     save_figures,
     write_metrics,
 )
+from train.postural.episodes import Condition, recall_episodes, recall_seeds
+from train.postural.scores import score_episodes
+from train.postural_imitation import NOVELTY_THRESHOLD, learn, make_network, record
 
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 WAYS: tuple[Literal["cue", "order"], ...] = ("cue", "order")  # to find a node's target

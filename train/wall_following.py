@@ -17,9 +17,9 @@ from tqdm import tqdm
 
 from envs.khepera import INFRARED_NAMES
 from pacnet import MLPForwardModel, PACNet
-from pacnet.threads import use_one_thread
-from train.learning_log import LearningLog
-from train.runs import (
+from pacnet.kernels.threads import use_one_thread
+from train.common.learning_log import LearningLog
+from train.common.runs import (
     command_line,
     make_parser,
     positive,
@@ -28,9 +28,9 @@ from train.runs import (
     taught_arena,
     write_metrics,
 )
-from train.wall_conditions import STEPS, Scores, replicates, run_conditions
-from train.wall_episodes import Place, Recalling, act_alone, alone_seed
-from train.wall_learning import (
+from train.walls.conditions import STEPS, Scores, replicates, run_conditions
+from train.walls.episodes import Place, Recalling, act_alone, alone_seed
+from train.walls.learning import (
     TRANSITIONS,
     fit,
     load_episodes,
@@ -41,9 +41,9 @@ from train.wall_learning import (
     record_wandering,
     teach,
 )
-from train.wall_report import draw, draw_conditions, film, print_conditions
-from train.wall_scores import cluster_agreement, name_clusters, score_run, summarise
-from train.wall_variants import Learned
+from train.walls.report import draw, draw_conditions, film, print_conditions
+from train.walls.scores import cluster_agreement, name_clusters, score_run, summarise
+from train.walls.variants import Learned
 
 
 def parse_arguments() -> argparse.Namespace:

@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> None:
     from pacnet.cli.explanation import explain
     from pacnet.cli.explanation_text import print_explanation
     from pacnet.cli.sources import load_imitator, load_percepts
-    from pacnet.threads import use_one_thread
+    from pacnet.kernels.threads import use_one_thread
 
     use_one_thread()
     imitator = load_imitator(arguments.checkpoint)

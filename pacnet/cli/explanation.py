@@ -7,11 +7,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pacnet.attention import NOBODY
+from pacnet.attention.records import NOBODY
 from pacnet.cli.reasons import reason_of
-from pacnet.competing_schemas import CompetingSchemas
-from pacnet.demonstrations import Demonstration, Demonstrations
-from pacnet.imitator import Imitator, ImitatorStep
+from pacnet.competition.competing_schemas import CompetingSchemas
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.imitator.imitator import Imitator, ImitatorStep
 
 _NODES = 5  # nearest ones that are shown
 

@@ -29,10 +29,10 @@ def add_to(commands: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Checks that the copy can be written, watches, and writes it."""
-    from pacnet.annotations import check_source, write_annotated
     from pacnet.cli.seen import see
     from pacnet.cli.sources import load_imitator, load_percepts
-    from pacnet.watching import column_names, column_values
+    from pacnet.datasets.annotations import check_source, write_annotated
+    from pacnet.evaluation.recognised import column_names, column_values
 
     if Path(arguments.out).exists():
         raise FileExistsError(f"expected a folder to be made for the copy, {arguments.out} exists")

@@ -13,8 +13,8 @@ from pacnet.cli.parsing import Commands, add_command, add_dataset, check_folder,
 from pacnet.cli.printing import counted, print_pairs, size_text
 
 if TYPE_CHECKING:
-    from pacnet.demonstrations import Demonstrations
-    from pacnet.imitator import Imitator, Lesson
+    from pacnet.datasets.demonstrations import Demonstrations
+    from pacnet.imitator.imitator import Imitator, Lesson
 
 _MORE = """Every episode is watched once, in order, as it would be on the robot. Percepts are the
 state, followed by the environment state if the dataset has one; images are left alone. The map's
@@ -75,8 +75,8 @@ def run(arguments: argparse.Namespace) -> None:
     _check_usage(arguments)
     _check_out(arguments)
     from pacnet.cli.sources import checkpoint_folder
-    from pacnet.interrupts import interrupts_held_back
-    from pacnet.threads import use_one_thread
+    from pacnet.core.interrupts import interrupts_held_back
+    from pacnet.kernels.threads import use_one_thread
 
     use_one_thread()
     imitator, demonstrations = _prepare(arguments)
@@ -103,8 +103,8 @@ def _check_usage(arguments: argparse.Namespace) -> None:
 
 def _check_out(arguments: argparse.Namespace) -> None:
     """Refuses to write where something would be lost, before anything is done."""
-    from pacnet.checkpoint import TENSOR_FILE
     from pacnet.cli.sources import checkpoint_folder
+    from pacnet.core.checkpoint import TENSOR_FILE
 
     check_folder("--out", arguments.out)
     folder, out = checkpoint_folder(arguments.out), Path(arguments.out)
@@ -120,8 +120,8 @@ def _check_out(arguments: argparse.Namespace) -> None:
 def _prepare(arguments: argparse.Namespace) -> tuple[Imitator, Demonstrations]:
     """The imitator to teach, and what it is to learn."""
     from pacnet.cli.sources import feature_names, load_imitator
-    from pacnet.demonstrations import load_demonstrations
-    from pacnet.imitator import Imitator
+    from pacnet.datasets.demonstrations import load_demonstrations
+    from pacnet.imitator.imitator import Imitator
 
     known = None if arguments.origin is None else load_imitator(arguments.origin)
     features = {} if known is None else feature_names(known)

@@ -18,8 +18,8 @@ from pacnet.cli.printing import (
 )
 
 if TYPE_CHECKING:
-    from pacnet.imitator import Imitator
-    from pacnet.network import PACNet
+    from pacnet.imitator.imitator import Imitator
+    from pacnet.network.network import PACNet
 
 _MORE = """Of an imitator: the demonstrations that it was learned from, the names and the scale of
 what it perceives, what it does, and how much it remembers. Checkpoints of a bare network or
@@ -50,9 +50,9 @@ def run(arguments: argparse.Namespace) -> None:
 
 def describe(checkpoint: str) -> dict[str, Any]:
     """What there is to say about a checkpoint, as JSON holds it."""
-    from pacnet.checkpoint import read_checkpoint
     from pacnet.cli.sources import checkpoint_folder, kind_of, load_imitator
-    from pacnet.network import PACNet
+    from pacnet.core.checkpoint import read_checkpoint
+    from pacnet.network.network import PACNet
 
     folder = checkpoint_folder(checkpoint)
     kind = kind_of(folder)

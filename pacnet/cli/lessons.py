@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pacnet.cli.printing import over_tolerated, print_table
 
 if TYPE_CHECKING:
-    from pacnet.imitator import Imitator
+    from pacnet.imitator.imitator import Imitator
 
 _HEADS = (
     "<dataset", "episode", "<task", "frames", "new nodes", "nodes", "remembered", "unfamiliar",
@@ -21,7 +21,7 @@ def lessons_of(imitator: Imitator) -> list[dict[str, Any]]:
     """All that was learned, as JSON holds it: each lesson, and the share that is remembered."""
     import numpy as np
 
-    from pacnet.competing_schemas import CompetingSchemas
+    from pacnet.competition.competing_schemas import CompetingSchemas
 
     schemas = imitator.network.schemas
     assert isinstance(schemas, CompetingSchemas)  # of every imitator

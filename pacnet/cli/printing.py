@@ -53,7 +53,7 @@ def counted(count: int, one: str) -> str:
 
 def size_of(folder: str | Path) -> int:
     """Bytes of the checkpoint in a folder."""
-    from pacnet.checkpoint import CONFIG_FILE, TENSOR_FILE
+    from pacnet.core.checkpoint import CONFIG_FILE, TENSOR_FILE
 
     return sum((Path(folder) / name).stat().st_size for name in (CONFIG_FILE, TENSOR_FILE))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from pacnet.demonstrations import Demonstrations
+from pacnet.datasets.demonstrations import Demonstrations
 
 
 @contextmanager

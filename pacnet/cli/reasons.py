@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from pacnet.imitator import ImitatorStep
+from pacnet.imitator.imitator import ImitatorStep
 
 
 class Reason(NamedTuple):

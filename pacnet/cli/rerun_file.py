@@ -9,7 +9,7 @@ import numpy as np
 import rerun
 
 from pacnet.cli.seen import Seen
-from pacnet.watching import shown
+from pacnet.evaluation.recognised import shown
 
 
 def write_rerun(

@@ -11,11 +11,11 @@ from torch import Tensor
 
 from pacnet.cli.progress import frames_of, progress_bar
 from pacnet.cli.reasons import reason_of
-from pacnet.demonstrations import Demonstration, Demonstrations
-from pacnet.imitator import Imitator, ImitatorStep
-from pacnet.recognition import Recognition
-from pacnet.threads import use_one_thread
-from pacnet.watching import Watched, joined
+from pacnet.competition.recognition import Recognition
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.evaluation.recognised import Watched, joined
+from pacnet.imitator.imitator import Imitator, ImitatorStep
+from pacnet.kernels.threads import use_one_thread
 
 NOVEL_ABOVE = 1.0  # novelty of an imitator, over what is tolerated
 _AT_ONCE = 50  # frames between two steps of the progress bar

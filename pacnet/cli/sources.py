@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from pacnet.checkpoint import CONFIG_FILE, read_checkpoint
-from pacnet.demonstrations import Demonstrations, load_demonstrations
-from pacnet.imitator import Imitator
+from pacnet.core.checkpoint import CONFIG_FILE, read_checkpoint
+from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
+from pacnet.imitator.imitator import Imitator
 
 POLICY = "imitator"  # folder within that of a LeRobot policy
 

@@ -20,7 +20,7 @@ from pacnet.cli.printing import NOTHING, print_pairs, print_table
 
 if TYPE_CHECKING:
     from pacnet.cli.seen import Seen
-    from pacnet.imitator import Imitator
+    from pacnet.imitator.imitator import Imitator
 
 _MORE = """The imitator watches each episode from its start, acts on nothing and learns nothing. It
 says which behaviour it takes the episode for, where it is unlike everything that was learned, and
@@ -123,8 +123,8 @@ def _draw(seen: Sequence[Seen], imitator: Imitator, fps: float, folder: Path) ->
     """A page of each episode; returns the folder."""
     from pacnet.cli.progress import progress_bar
     from pacnet.cli.seen import NOVEL_ABOVE
-    from pacnet.recognition_figures import recognition_over_time
-    from pacnet.watching import shown
+    from pacnet.evaluation.recognised import shown
+    from pacnet.evaluation.recognition_figures import recognition_over_time
 
     titles = shown(imitator.network.behaviours)
     with progress_bar("drawing", len(seen), "figure") as advance:

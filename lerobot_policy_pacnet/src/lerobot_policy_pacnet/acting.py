@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.imitator import Imitator, ImitatorStep
+from pacnet.imitator.imitator import Imitator, ImitatorStep
 
 # Names of actions that go on moving a robot while they are repeated: speeds (x.vel, mobile_base.vx,
 # linear_velocity) and displacements (delta_x).

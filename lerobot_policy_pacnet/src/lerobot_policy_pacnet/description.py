@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from lerobot.utils.constants import ACTION
 
-from pacnet.datasets.lerobot_files import told_names
+from pacnet.datasets.format.lerobot_files import told_names
 
 _SNAPSHOTS = "snapshots"  # folder of the Hub's cache, in which datasets are named by a digest
 
@@ -72,13 +72,13 @@ class DatasetDescription:
 
 
 def _name(meta: Any) -> str:
-    """The folder's name, as in `pacnet.demonstrations`, or the repository's in the Hub's cache."""
+    """The folder's name, as in `pacnet.datasets`, or the repository's in the Hub's cache."""
     root = Path(meta.root).resolve()
     return Path(meta.repo_id).name if root.parent.name == _SNAPSHOTS else root.name
 
 
 def _dimension_names(features: Mapping[str, Any], feature: str) -> tuple[str, ...]:
-    """As `pacnet.demonstrations` names dimensions: by their numbers where they have no names."""
+    """As `pacnet.datasets` names dimensions: by their numbers where they have no names."""
     if feature not in features:
         raise ValueError(f"expected the feature {feature!r}, the dataset has {', '.join(features)}")
     told = {**features[feature], "shape": list(features[feature]["shape"])}

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from pacnet.demonstrations import Demonstration
+from pacnet.datasets.demonstrations import Demonstration
 
 _UNSEEN = -1  # episode of a frame that has not come yet
 

@@ -21,7 +21,7 @@ from lerobot_policy_pacnet.acting import Actor, Ask
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.training import Training
-from pacnet.imitator import Imitator, ImitatorStep, exactly
+from pacnet.imitator.imitator import Imitator, ImitatorStep, exactly
 
 _DOWNLOAD = ("revision", "cache_dir", "force_download", "local_files_only", "token")
 logger = logging.getLogger(__name__)

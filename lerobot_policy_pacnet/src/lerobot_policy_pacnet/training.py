@@ -19,9 +19,9 @@ from torch import Tensor
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.frames import Frames, content_of
-from pacnet.demonstrations import Demonstrations
-from pacnet.durable import put_in_place
-from pacnet.imitator import Imitator
+from pacnet.core.durable import put_in_place
+from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.imitator.imitator import Imitator
 
 IMITATOR, BASE, STATE = "imitator", "base", "training.safetensors"  # in a checkpoint's folder
 ENOUGH = 256  # frames before which nothing is learned, unless they are all there are

@@ -1,0 +1,16 @@
+"""The growing map with habituation: a percept goes in, its winner and its novelty come out."""
+
+from pacnet.attention.config import SOFMConfig
+from pacnet.attention.ensemble import SOFMEnsemble
+from pacnet.attention.records import NOBODY, Attention, Observation, Step
+from pacnet.attention.sofm import HabituatingSOFM
+
+__all__ = [
+    "NOBODY",
+    "Attention",
+    "HabituatingSOFM",
+    "Observation",
+    "SOFMConfig",
+    "SOFMEnsemble",
+    "Step",
+]

@@ -1,0 +1,16 @@
+"""Which schema wins, and why."""
+
+from pacnet.competition.belief import RecognitionConfig
+from pacnet.competition.competing_schemas import CompetingSchemas
+from pacnet.competition.config import CompetingSchemasConfig
+from pacnet.competition.recognition import Recognition
+from pacnet.competition.winner_take_all import Competition, CompetitionConfig
+
+__all__ = [
+    "CompetingSchemas",
+    "CompetingSchemasConfig",
+    "Competition",
+    "CompetitionConfig",
+    "Recognition",
+    "RecognitionConfig",
+]

@@ -1,0 +1,1 @@
+"""What everything stands on: growable buffers, checks, checkpoints, durable files."""

@@ -1,0 +1,1 @@
+"""The journal of a recording, and how it becomes part of a dataset."""

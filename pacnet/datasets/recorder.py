@@ -1,0 +1,214 @@
+"""Demonstrations recorded as a LeRobot dataset (format v3.0) that loses no finished episode.
+
+An episode goes to the journal in the dataset's folder (`journal/`) and is on the
+disk when `save_episode` returns. The journal is folded into the dataset when the recording is
+closed; where the process was killed before, by the next `Recorder` of the dataset or by `recover`.
+An episode that is recorded frame by frame is in memory until it is saved. Writing needs pyarrow
+alone.
+"""
+
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Self, SupportsIndex
+
+from numpy.typing import ArrayLike
+
+from pacnet.core.interrupts import interrupts_held_back
+from pacnet.datasets.format.features import Feature, checked_frames, checked_recording, is_text
+from pacnet.datasets.journal.episode_buffer import EpisodeBuffer
+from pacnet.datasets.journal.folding import check_ready, fold
+from pacnet.datasets.journal.journal import Journal, has_journal
+
+__all__ = ["Feature", "Recorder", "recover"]
+
+
+class Recorder:
+    """Records demonstrations, into a new dataset or at the end of one; a context manager.
+
+    When the `with` block is left, normally, by an exception or by Ctrl-C, every episode saved so
+    far is in the dataset, and frames of an unfinished one are dropped. Of a new dataset without any
+    episode, nothing stays on disk. Leaving the block reads all frames into memory, also those
+    recorded before: the cost of exact statistics.
+
+    Annotations such as `novelty` and `winner` are features like others. LeRobot's policies learn
+    from whatever is called `observation*` or `action*`, so these are not.
+
+    Example:
+        ```python
+        from pacnet.datasets.recorder import Feature, Recorder
+
+        features = {
+            "observation.state": ("shoulder", "elbow"),
+            "action": ("shoulder", "elbow"),
+            "novelty": ("novelty",),
+            "winner": Feature(("winner",), "int64"),
+            "next.success": Feature(("success",), "bool"),
+        }
+        with Recorder("drinking", fps=50, features=features) as recorder:
+            recorder.save_episode("drink", {"observation.state": state, "action": action, ...})
+        ```
+        Or frame by frame, as in a control loop:
+        ```python
+        with Recorder("waving", fps=50, features=features) as recorder:
+            while not finished():
+                state = measure()
+                action = act(state)
+                recorder.add_frame({"observation.state": state, "action": action, ...})
+            recorder.save_episode("wave")  # or clear_episode(), to try again
+        ```
+    """
+
+    def __init__(
+        self,
+        root: str | Path,
+        fps: SupportsIndex,
+        features: Mapping[str, Sequence[str] | Feature],
+        robot_type: str | None = None,
+    ) -> None:
+        """Nothing is written before the `with` block is entered.
+
+        Args:
+            root: The dataset's folder, which is made, or holds a dataset to append to.
+            fps: Frames per second [1/s].
+            features: Feature name -> names of its dimensions, or a `Feature` that also says that
+                they are integers or booleans.
+            robot_type: What is recorded, in the description of a new dataset.
+
+        Raises:
+            ValueError: `fps` is not a positive integer, there is no feature, one is without
+                dimensions or has two of one name, or a name is one that LeRobot cannot store.
+        """
+        self._root = Path(root).absolute()  # the working directory may change
+        self._recording = checked_recording(fps, features, robot_type)
+        self._journal: Journal | None = None  # while the `with` block is open
+        self._turn = threading.Lock()  # of the threads that save
+        self._added = EpisodeBuffer(self._recording.features)
+
+    def __enter__(self) -> Self:
+        """Open the dataset, after recovering what a killed process recorded into it.
+
+        Raises:
+            FileExistsError: There is something at `root` that is no dataset.
+            BlockingIOError: Another recording into the dataset goes on.
+            DatasetError: The dataset or its journal cannot be read, its files contradict one
+                another, or its frames have gaps, numbers that are not finite or no episode.
+            ValueError: Its frames per second, features or robot are others.
+            RuntimeError: The `with` block is open already.
+        """
+        if self._journal is not None:
+            raise RuntimeError("expected the recorder's `with` block to be entered once at a time")
+        try:
+            with interrupts_held_back():
+                self._journal = Journal(self._root)
+                fold(self._journal)
+                check_ready(self._root, self._recording)
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Fold the journal into the dataset, so that all saved episodes can be read.
+
+        A fork of the process that recorded leaves this to it.
+        """
+        journal = self._opened()
+        if journal.is_forked:
+            self._close()
+            return
+        with interrupts_held_back(), self._turn:
+            try:
+                fold(journal)
+            finally:
+                self._close()
+
+    def add_frame(self, frame: Mapping[str, ArrayLike]) -> None:
+        """Add a frame to the episode that `save_episode` saves when it is given none.
+
+        Until then it is in memory, and lost when the process is killed or the `with` block is left.
+
+        Args:
+            frame: Feature name -> its values, [D] of a dtype that `save_episode` takes; where D is
+                1, a number will do. They are copied.
+
+        Raises:
+            ValueError: A feature is missing or unknown, or its values are of another shape or dtype
+                or not finite in float32. The frames before stay.
+            RuntimeError: As `save_episode`.
+        """
+        self._check_open()
+        with self._turn:
+            self._added.add(frame)
+
+    def clear_episode(self) -> None:
+        """Drop the frames added since the last episode."""
+        self._check_open()
+        with self._turn:
+            self._added.clear()
+
+    def save_episode(self, task: str, frames: Mapping[str, ArrayLike] | None = None) -> None:
+        """Append a whole episode, which no kill can take back; Ctrl-C waits until it is written.
+
+        Threads may save at the same time; they take turns.
+
+        Args:
+            task: The task in words.
+            frames: Feature name -> its values, [T, D]: float32 or float64, stored as float32;
+                integers, stored as int64; or booleans. Without, those that were added.
+
+        Raises:
+            ValueError: The task is empty, a feature is missing or unknown, or an array is of
+                another shape or dtype, empty, not finite in float32, or not as long as the others;
+                or frames are given while there are added ones, or there are none at all.
+                Nothing is written then, and what was added stays.
+            RuntimeError: The `with` block is not open, or was entered by another process.
+        """
+        self._check_open()
+        if not is_text(task) or not task.strip():
+            raise ValueError(f"expected the task in words, got {task!r}")
+        given = None if frames is None else checked_frames(self._recording.features, frames)
+        with interrupts_held_back(), self._turn:
+            if given is not None and len(self._added):
+                raise ValueError(
+                    f"expected no frames, as {len(self._added)} were added: save them first, or "
+                    "drop them by clear_episode"
+                )
+            columns = self._added.columns() if given is None else given
+            self._opened().add(self._recording, task, columns)
+            self._added.clear()
+
+    def _check_open(self) -> None:
+        if self._opened().is_forked:
+            raise RuntimeError("expected to record in the process that entered the `with` block")
+
+    def _opened(self) -> Journal:
+        if self._journal is None:
+            raise RuntimeError("expected to be inside the recorder's `with` block")
+        return self._journal
+
+    def _close(self) -> None:
+        self._added.clear()
+        if self._journal is not None:
+            self._journal.close()
+            self._journal = None
+
+
+def recover(root: str | Path) -> int:
+    """Make the episodes that a killed process recorded part of their dataset.
+
+    Returns:
+        How many there were.
+
+    Raises:
+        BlockingIOError: The recording goes on.
+        FileExistsError: There is something at `root` that is no dataset.
+        DatasetError: The dataset or its journal cannot be read, or its files contradict one
+            another.
+        ValueError: Somebody has made it a dataset of something else since.
+    """
+    root = Path(root).absolute()
+    if not has_journal(root):
+        return 0
+    with interrupts_held_back(), Journal(root) as journal:
+        return fold(journal)

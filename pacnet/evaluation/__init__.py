@@ -1,0 +1,1 @@
+"""Metrics, principal components and figures, from plain arrays."""

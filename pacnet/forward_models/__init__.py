@@ -1,0 +1,19 @@
+"""What turns a target into an action."""
+
+from pacnet.forward_models.mlp import MLPForwardModel, MLPForwardModelConfig
+from pacnet.forward_models.pid import PIDConfig, PIDController
+from pacnet.forward_models.protocol import Command, ForwardModel, OneStateForwardModel, Selection
+from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
+
+__all__ = [
+    "Command",
+    "ForwardModel",
+    "MLPForwardModel",
+    "MLPForwardModelConfig",
+    "OneStateForwardModel",
+    "PIDConfig",
+    "PIDController",
+    "Selection",
+    "TransitionMatrix",
+    "TransitionMatrixConfig",
+]

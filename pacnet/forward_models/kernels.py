@@ -1,0 +1,195 @@
+"""The choice among candidate actions as machine code, and where a small network leads for each."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from pacnet.kernels.engine import announce_compilation
+
+announce_compilation()
+
+LANES = 24  # candidates that are computed side by side, a multiple of what a vector register holds
+
+_ENTRY: Any = {"cache": True, "nogil": True, "error_model": "numpy"}
+# What only kernels call compiles faster without the ways into it from Python and C.
+_PART: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_FUSED = {"contract"}  # a product and a sum may be rounded once instead of twice
+
+_LN2_HIGH = np.float32(355 / 512)  # of so few bits that its product with a small integer is exact
+_LN2_LOW = np.float32(math.log(2) - 355 / 512)
+_PER_LN2 = np.float32(1 / math.log(2))
+_TERMS = tuple(np.float32(1 / math.factorial(k)) for k in reversed(range(8)))  # of Taylor's series
+
+
+@njit(**_ENTRY)
+def choose(after, target, abstain_below):
+    """The known candidate that leads nearest (Euclidean) to a target, of equal ones the first.
+
+    It abstains where fewer than two candidates are known (than all, of a single one), or their
+    spread is under a threshold.
+
+    Args:
+        after: predicted states, float64 `[K, S]`; NaN if not known.
+        target: float64 `[S]`.
+        abstain_below: the threshold, in the state's unit.
+
+    Returns:
+        Its number, −1 where none is known; the costs `[K]`, infinite if not known; the spread,
+        which is the root mean square distance from the mean; whether it abstains.
+    """
+    number, width = after.shape
+    costs = np.empty(number)
+    best, least, known = -1, np.inf, 0
+    for k in range(number):
+        squared = 0.0
+        for d in range(width):
+            apart = after[k, d] - target[d]
+            squared += apart * apart
+        costs[k] = np.inf
+        if squared < np.inf:
+            costs[k] = math.sqrt(squared)
+            known += 1
+        if costs[k] < least:
+            best, least = k, costs[k]
+    spread = _spread(after, costs, known)
+    too_few = known < 2 and known < number
+    return best, costs, spread, too_few or spread < abstain_below
+
+
+@njit(**_PART)
+def _spread(after, costs, known):
+    """Root mean square distance of the known states from their mean."""
+    total = 0.0
+    for d in range(after.shape[1]):
+        mean = 0.0
+        for k in range(costs.size):
+            if costs[k] < np.inf:
+                mean += after[k, d] / known
+        for k in range(costs.size):
+            if costs[k] < np.inf:
+                total += (after[k, d] - mean) * (after[k, d] - mean)
+    return math.sqrt(total / known) if known > 0 else 0.0
+
+
+@njit(**_ENTRY)
+def decide(candidates, normalisers, weights, biases, steps, abstain_below, state, target):
+    """`choose` among the states to which a network leads, float64; none is known if not finite.
+
+    Args:
+        candidates: float32 `[K, U]`.
+        normalisers: float64; mean and std of states, actions and changes, lowest and highest state.
+        weights: of each layer, float32 `[O, I]`.
+        biases: of each layer, float32 `[O]`.
+        steps: for which an action is held.
+        abstain_below: the threshold.
+        state: float32 `[S]`.
+        target: float64 `[S]`.
+    """
+    number, width = candidates.shape[0], state.size
+    after = np.empty((number, width))
+    inputs = _rows(width + candidates.shape[1])
+    for first in range(0, number, LANES):
+        states = _begin(state, candidates[first : first + LANES], normalisers, inputs)
+        for _ in range(steps):
+            _lead_on(states, inputs, normalisers, weights, biases)
+        for lane in range(states.shape[1]):
+            for d in range(width):
+                after[first + lane, d] = states[d, lane]
+    return choose(after, target, abstain_below)
+
+
+@njit(**_PART)
+def _rows(number):
+    """Zeros, so many rows and more, four by four: a row has a number for each of the lanes."""
+    return np.zeros(((number + 3) // 4, 4, LANES), np.float32)
+
+
+@njit(**_PART)
+def _begin(state, candidates, normalisers, inputs):
+    """The states of a block of candidates; their actions, normalised, go into the inputs."""
+    action_mean, action_std = normalisers[2], normalisers[3]
+    states = np.empty((state.size, candidates.shape[0]), np.float32)
+    rows = inputs.reshape(-1, LANES)
+    for lane in range(candidates.shape[0]):
+        for d in range(state.size):
+            states[d, lane] = state[d] if abs(state[d]) < np.inf else np.nan
+        for d in range(candidates.shape[1]):
+            rows[state.size + d, lane] = (candidates[lane, d] - action_mean[d]) / action_std[d]
+    return states
+
+
+@njit(fastmath=_FUSED, **_PART)
+def _lead_on(states, inputs, normalisers, weights, biases):
+    """One time step: the states are replaced by those to which the network leads."""
+    state_mean, state_std, _, _, mean, std, low, high = normalisers
+    hidden, rows = inputs, inputs.reshape(-1, LANES)
+    for d in range(states.shape[0]):
+        for lane in range(states.shape[1]):
+            rows[d, lane] = (states[d, lane] - state_mean[d]) / state_std[d]
+    for layer in range(len(weights) - 1):
+        hidden = _product(hidden, weights[layer])
+        _activate(hidden.reshape(-1, LANES), biases[layer])
+    rows, bias = _product(hidden, weights[-1]).reshape(-1, LANES), biases[-1]
+    for d in range(states.shape[0]):
+        lowest, highest = np.float32(low[d]), np.float32(high[d])
+        for lane in range(states.shape[1]):
+            change = (rows[d, lane] + bias[d]) * std[d] + mean[d]
+            moved = states[d, lane] + np.float32(change)
+            moved = lowest if moved < lowest else moved
+            states[d, lane] = highest if moved > highest else moved
+
+
+@njit(fastmath=_FUSED, **_PART)
+def _product(inputs, weight):
+    """Rows of outputs: four at a time, of four inputs at a time, so that each is loaded less."""
+    outputs = _rows(weight.shape[0])
+    for p in range(outputs.shape[0]):
+        for q in range(inputs.shape[0]):
+            o, i, y, x = 4 * p, 4 * q, outputs[p], inputs[q]
+            a, b = _four(weight, o, i), _four(weight, o + 1, i)
+            c, d = _four(weight, o + 2, i), _four(weight, o + 3, i)
+            for lane in range(LANES):
+                values = x[0, lane], x[1, lane], x[2, lane], x[3, lane]
+                y[0, lane] += _dot(a, values)
+                y[1, lane] += _dot(b, values)
+                y[2, lane] += _dot(c, values)
+                y[3, lane] += _dot(d, values)
+    return outputs
+
+
+@njit(**_PART)
+def _four(weight, o, i):
+    """Four weights of an output, zeros beyond the last one; beyond the last input any."""
+    if o >= weight.shape[0]:
+        return np.float32(0), np.float32(0), np.float32(0), np.float32(0)
+    row, last = weight[o], weight.shape[1] - 1
+    return row[i], row[min(i + 1, last)], row[min(i + 2, last)], row[min(i + 3, last)]
+
+
+@njit(fastmath=_FUSED, **_PART)
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+
+
+@njit(fastmath=_FUSED, **_PART)
+def _activate(rows, bias):
+    """SiLU of rows and their biases, x / (1 + exp(−x)), in plain steps that run for all lanes.
+
+    exp(y) = 2ⁿ exp(r), |r| ≤ ln 2 / 2 (Cody & Waite, Software Manual, 1980), within 1 ulp; beyond
+    ±87, where float32 nearly ends, it is that of such an end.
+    """
+    for o in range(bias.size):
+        for lane in range(LANES):
+            x = rows[o, lane] + bias[o]
+            y = min(max(-x, np.float32(-87)), np.float32(87))
+            n = np.floor(y * _PER_LN2 + np.float32(0.5))
+            r = y - n * _LN2_HIGH - n * _LN2_LOW
+            series = _TERMS[0]
+            for term in _TERMS[1:]:
+                series = series * r + term
+            power = np.int32((np.int32(n) + np.int32(127)) << np.int32(23)).view(np.float32)
+            rows[o, lane] = x / (np.float32(1) + series * power)

@@ -1,0 +1,6 @@
+"""What a node remembers: sequences of targets."""
+
+from pacnet.schemas.motor_schemas import MotorSchemas, MotorSchemasConfig
+from pacnet.schemas.targets import targets_ahead
+
+__all__ = ["MotorSchemas", "MotorSchemasConfig", "targets_ahead"]

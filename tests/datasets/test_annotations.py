@@ -1,0 +1,311 @@
+"""Claims about copying a dataset with extra columns."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from pacnet.datasets.annotations import write_annotated
+from pacnet.datasets.demonstrations import DatasetError, load_demonstrations
+from pacnet.datasets.recorder import Feature, Recorder
+
+LENGTHS = (4, 1, 3)
+TASKS = ("drink", "wave", "drink")
+FEATURES = {
+    "observation.state": ("x", "y", "z"),
+    "action": ("push",),
+    "reward": ("mine", "yours"),  # LeRobot's policies ignore it; the copy keeps it
+}
+COLUMNS = {"behaviour": ("drink", "wave"), "novelty": ("novelty",), "winner": ("winner",)}
+
+
+def frames(seed: int = 0) -> dict[str, np.ndarray]:
+    """Every frame of the episodes: features [8, D] and the format's own columns [8]."""
+    rng = np.random.default_rng(seed)
+    total = sum(LENGTHS)
+    columns: dict[str, np.ndarray] = {
+        name: rng.normal(size=(total, len(names))).astype("f4") for name, names in FEATURES.items()
+    }
+    columns["index"] = np.arange(total)
+    columns["episode_index"] = np.repeat((0, 2, 5), LENGTHS)  # as after episodes were deleted
+    columns["frame_index"] = np.concatenate([np.arange(length) for length in LENGTHS])
+    columns["timestamp"] = columns["frame_index"] / 50
+    columns["task_index"] = np.repeat((0, 1, 0), LENGTHS)
+    return columns
+
+
+def write_source(root: Path, values: Mapping[str, np.ndarray], **changes: Any) -> Path:
+    """A sound dataset, but for the changes to its info.json."""
+    tasks = changes.pop("tasks", ["drink", "wave"])
+    told = {
+        name: {"dtype": str(values[name].dtype), "shape": [len(names)], "names": list(names)}
+        for name, names in FEATURES.items()
+    }
+    own = {
+        name: {"dtype": str(values[name].dtype), "shape": [1], "names": None}
+        for name in ("index", "episode_index", "frame_index", "timestamp", "task_index")
+    }
+    info = {
+        "codebase_version": "v3.0",
+        "robot_type": "hand",
+        "fps": 50,
+        "total_episodes": len(LENGTHS),
+        "total_frames": sum(LENGTHS),
+        "features": told | own,
+    }
+    info["features"] |= changes.pop("features", {})
+    (root / "meta").mkdir(parents=True)
+    (root / "meta" / "info.json").write_text(json.dumps(info | changes))
+    pq.write_table(pa.table({"task_index": [0, 1], "task": tasks}), root / "meta/tasks.parquet")
+    (root / "data" / "chunk-000").mkdir(parents=True)
+    table = {
+        name: array.tolist() if array.ndim == 2 and array.shape[1] > 1 else array.ravel()
+        for name, array in values.items()
+    }
+    pq.write_table(pa.table(table), root / "data/chunk-000/file-000.parquet")
+    return root
+
+
+def added(seed: int = 1) -> list[dict[str, np.ndarray]]:
+    """The extra columns of each episode."""
+    rng = np.random.default_rng(seed)
+    return [
+        {
+            "behaviour": rng.uniform(size=(length, 2)).astype("f4"),
+            "novelty": rng.uniform(size=(length, 1)).astype("f4"),
+            "winner": rng.integers(-1, 9, size=(length, 1)),
+        }
+        for length in LENGTHS
+    ]
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    return write_source(tmp_path / "source", frames())
+
+
+def column(root: Path, name: str) -> np.ndarray:
+    """A feature of a dataset, all episodes one after the other [8, D]."""
+    read = load_demonstrations(root, state=name, environment_state=None, action=name)
+    return np.concatenate([episode.state.numpy() for episode in read])
+
+
+def test_the_copy_has_all_of_the_source_and_the_columns(source: Path, tmp_path: Path):
+    write_annotated(source, tmp_path / "copy", COLUMNS, iter(added()))
+
+    for name in FEATURES:
+        np.testing.assert_array_equal(column(tmp_path / "copy", name), frames()[name])
+    for name in COLUMNS:
+        expected = np.concatenate([episode[name] for episode in added()])
+        np.testing.assert_array_equal(column(tmp_path / "copy", name), expected)
+    read = load_demonstrations(tmp_path / "copy", environment_state="reward", action="behaviour")
+    assert [len(episode.state) for episode in read] == list(LENGTHS)
+    assert [episode.episode for episode in read] == [0, 1, 2]
+    assert [episode.task for episode in read] == list(TASKS)
+    assert read.fps == 50
+    assert read.names["reward"] == FEATURES["reward"]
+    assert read.names["behaviour"] == COLUMNS["behaviour"]
+
+
+def test_the_source_stays_as_it_is(source: Path, tmp_path: Path):
+    before = {path: path.read_bytes() for path in source.rglob("*") if path.is_file()}
+    write_annotated(source, tmp_path / "copy", COLUMNS, added())
+
+    assert before == {path: path.read_bytes() for path in source.rglob("*") if path.is_file()}
+
+
+@pytest.mark.slow
+def test_lerobot_reads_the_copy(source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    monkeypatch.setattr("datasets.config.HF_DATASETS_CACHE", tmp_path / "cache")
+    write_annotated(source, tmp_path / "copy", COLUMNS, added())
+
+    dataset = LeRobotDataset("local/copy", root=tmp_path / "copy", video_backend="pyav")
+    assert (dataset.num_episodes, dataset.fps, dataset.meta.robot_type) == (3, 50, "hand")
+    assert dataset.meta.features["behaviour"]["names"] == ["drink", "wave"]
+    assert len(dataset) == sum(LENGTHS)
+    row = 0
+    for number, episode in enumerate(added()):
+        for time in range(LENGTHS[number]):
+            frame = dataset[row]
+            assert frame["task"] == TASKS[number]
+            assert (frame["episode_index"], frame["frame_index"]) == (number, time)
+            np.testing.assert_array_equal(frame["behaviour"], episode["behaviour"][time])
+            assert frame["winner"].shape == ()  # a vector of one dimension reads back as a scalar
+            assert frame["winner"] == episode["winner"][time, 0]
+            np.testing.assert_array_equal(frame["reward"], frames()["reward"][row])
+            row += 1
+
+
+def test_whole_numbers_and_booleans_come_back_as_they_were(tmp_path: Path):
+    values = frames() | {"reward": np.arange(16).reshape(8, 2) - 2**24 + 1}
+    source = write_source(tmp_path / "source", values, fps=50.0)
+    seen = [
+        {"novel": np.arange(length)[:, None] % 2 == 0, "winner": np.full((length, 1), 2**24 + 1)}
+        for length in LENGTHS
+    ]
+    write_annotated(source, tmp_path / "copy", {"novel": ("n",), "winner": ("w",)}, seen)
+
+    np.testing.assert_array_equal(column(tmp_path / "copy", "reward"), values["reward"])
+    copy = pq.read_table(tmp_path / "copy/data/chunk-000/file-000.parquet")
+    assert copy["novel"].to_pylist() == [True, False] * 2 + [True, True, False, True]
+    assert copy["winner"].to_pylist() == [2**24 + 1] * 8  # float32 would have made it 2**24
+    told = json.loads((tmp_path / "copy/meta/info.json").read_text())["features"]
+    kinds = {name: told[name]["dtype"] for name in ("reward", "novel", "winner", "action")}
+    expected = {"reward": "int64", "novel": "bool", "winner": "int64", "action": "float32"}
+    assert kinds == expected
+
+
+def test_unsigned_numbers_become_whole_numbers(tmp_path: Path):
+    values = frames() | {"reward": np.arange(16, dtype=np.uint8).reshape(8, 2)}
+    write_annotated(write_source(tmp_path / "source", values), tmp_path / "copy", COLUMNS, added())
+
+    np.testing.assert_array_equal(column(tmp_path / "copy", "reward"), values["reward"])
+    told = json.loads((tmp_path / "copy/meta/info.json").read_text())["features"]
+    assert told["reward"]["dtype"] == "int64"
+
+
+def test_what_the_recorder_wrote_is_copied_as_it_is(tmp_path: Path):
+    features = {"action": ("x", "y"), "next.success": Feature(("success",), "bool")}
+    success = np.array([[False], [False], [True]])
+    with Recorder(tmp_path / "source", 10, features) as recorder:
+        recorder.save_episode("reach", {"action": np.ones((3, 2)), "next.success": success})
+    columns, seen = {"novelty": ("novelty",)}, [{"novelty": np.ones((3, 1))}]
+    write_annotated(tmp_path / "source", tmp_path / "copy", columns, seen)
+    copy = pq.read_table(tmp_path / "copy/data/chunk-000/file-000.parquet")
+    assert copy["next.success"].to_pylist() == [False, False, True]
+
+
+def refused(
+    source: Path,
+    message: str,
+    columns: Mapping[str, Any] = COLUMNS,
+    episodes: Any = None,
+    error: type[ValueError] = ValueError,
+) -> None:
+    """Copying raises, and leaves nothing."""
+    copy = source.parent / "copy"
+    with pytest.raises(error, match=message):
+        write_annotated(source, copy, columns, added() if episodes is None else episodes)
+    assert not copy.exists()
+
+
+@pytest.mark.parametrize("dtype", ["image", "video"])
+def test_a_dataset_with_pictures_is_refused(tmp_path: Path, dtype: str):
+    picture = {"dtype": dtype, "shape": [3, 4, 4], "names": None}
+    source = write_source(tmp_path / "source", frames(), features={"observation.eye": picture})
+
+    refused(source, "images and videos cannot be copied.*has observation.eye", error=DatasetError)
+
+
+@pytest.mark.parametrize(("dtype", "shape"), [("string", [1]), ("float32", [2, 2])])
+def test_a_dataset_with_other_than_vectors_is_refused(tmp_path: Path, dtype: str, shape: list[int]):
+    feature = {"dtype": dtype, "shape": shape, "names": None}
+    source = write_source(tmp_path / "source", frames(), features={"done": feature})
+
+    refused(source, "expected 'done' to be a vector of numbers", error=DatasetError)
+
+
+@pytest.mark.parametrize("large", [2**24, -(2**24), 2**24 + 1])
+def test_whole_numbers_that_float32_may_not_hold_are_refused(tmp_path: Path, large: int):
+    counts = np.array([[0, 1], [large, 3], *[[4, 5]] * 6])
+    source = write_source(tmp_path / "source", frames() | {"reward": counts})
+    refused(source, "expected integers in 'reward' that float32 holds", error=DatasetError)
+
+
+def test_a_source_that_is_none_is_refused(tmp_path: Path):
+    refused(tmp_path / "nowhere", "found no folder", error=DatasetError)
+
+
+def test_a_source_whose_task_is_not_told_is_refused(tmp_path: Path):
+    source = write_source(tmp_path / "source", frames(), tasks=["drink", " "])
+
+    refused(source, "a task in words, .* has ' ' in episode 2", error=DatasetError)
+
+
+def test_frames_per_second_that_are_not_whole_are_refused(tmp_path: Path):
+    source = write_source(tmp_path / "source", frames(), fps=29.97)
+
+    refused(source, "whole number of frames per second, found 29.97", error=DatasetError)
+
+
+def test_a_folder_that_exists_is_left_alone(source: Path, tmp_path: Path):
+    (tmp_path / "copy").mkdir()
+    (tmp_path / "copy" / "mine").write_text("precious")
+
+    with pytest.raises(FileExistsError, match="copy exists"):
+        write_annotated(source, tmp_path / "copy", COLUMNS, added())
+    assert [path.name for path in (tmp_path / "copy").iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({}, "expected at least one column"),
+        ({"novelty": ("n",), "reward": ("r",)}, "names that the dataset has not, got reward"),
+        ({"timestamp": ("t",)}, "got 'timestamp'"),
+        ({"a/b": ("x",)}, "without '/'"),
+        ({"novelty": ("x", "x")}, "distinct dimension names"),
+    ],
+)
+def test_columns_that_cannot_be_added_are_refused(
+    source: Path, columns: Mapping[str, Any], message: str
+):
+    refused(source, message, columns)
+
+
+def spoilt(**changes: object) -> list[dict[str, Any]]:
+    """The extra columns, with the last episode's changed."""
+    return [*added()[:2], added()[2] | changes]
+
+
+NOT_A_NUMBER = np.array([[0.0], [np.nan], [0.0]])
+BAD_EPISODES = {
+    "too few": (added()[:2], "each of 3 episodes, got 2"),
+    "too many": ([*added(), added()[0]], "each of 3 episodes, got 4"),
+    "longer": ([*added()[:2], added()[0]], "episode 5: expected 3 frames in columns, got 4"),
+    "unequal": (spoilt(novelty=np.zeros((2, 1))), "episode 5: .*as many frames .*'novelty': 2"),
+    "not finite": (spoilt(novelty=NOT_A_NUMBER), "episode 5: .*'novelty'.*finite.*row 1"),
+    "too large": (spoilt(novelty=np.full((3, 1), 1e39)), "'novelty'.*finite.*row 0"),
+    "flat": (spoilt(novelty=np.zeros(3)), r"'novelty'.*got shape \[3\]"),
+    "dimension": (spoilt(novelty=np.zeros((3, 2))), r"'novelty'.*got shape \[3, 2\]"),
+    "words": (spoilt(novelty=[["high"]] * 3), "'novelty'.*got dtype <U4"),
+    "another dtype": (spoilt(winner=np.zeros((3, 1))), "'winner' as integers.*got dtype float64"),
+    "empty": (spoilt(winner=np.zeros((0, 1), int)), r"'winner'.*got shape \[0, 1\]"),
+    "unknown": (spoilt(torque=np.zeros((3, 1))), "expected the features .*torque"),
+    "missing": ([*added()[:2], {"novelty": np.zeros((3, 1))}], r"got \['novelty'\]"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_EPISODES)
+def test_bad_columns_are_refused_before_anything_is_written(source: Path, case: str):
+    episodes, message = BAD_EPISODES[case]
+    refused(source, message, episodes=episodes)
+
+
+@pytest.mark.parametrize("interrupt", [KeyboardInterrupt, OSError, MemoryError])
+def test_a_copy_that_is_interrupted_leaves_nothing(
+    interrupt: type[BaseException], source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    save, saved = Recorder.save_episode, []
+
+    def interrupted(self: Recorder, task: str, columns: Mapping[str, Any]) -> None:
+        save(self, task, columns)
+        saved.append(task)
+        if len(saved) == 2:
+            raise interrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Recorder, "save_episode", interrupted)
+        with pytest.raises(interrupt):
+            write_annotated(source, tmp_path / "copies" / "copy", COLUMNS, added())
+    assert list((tmp_path / "copies").iterdir()) == []
+    write_annotated(source, tmp_path / "copies" / "copy", COLUMNS, added())
+    assert [path.name for path in (tmp_path / "copies").iterdir()] == ["copy"]
+    assert len(load_demonstrations(tmp_path / "copies" / "copy").episodes) == 3

@@ -1,0 +1,452 @@
+"""Claims about the imitator: settings from the data, names, lessons, going on, holding back."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+import signal
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from pacnet import CompetingSchemas
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.imitator.imitator import Imitator, Lesson
+from pacnet.schemas.targets import targets_ahead
+
+FPS = 50
+NAMES = {
+    "observation.state": ("shoulder", "elbow"),
+    "observation.environment_state": ("glass.x",),
+    "action": ("shoulder", "elbow"),
+}
+FRAMES = 300
+
+
+def reach(seed: int, glass: float = 0.0, task: str = "reach") -> Demonstration:
+    """An arm that swings out and back once, beside a glass, with a little noise."""
+    generator = torch.Generator().manual_seed(seed)
+    phase = torch.linspace(0, 2 * math.pi, FRAMES)
+    path = torch.stack([0.5 - 0.5 * phase.cos(), 0.5 * phase.sin()], dim=1)
+    state = path + 0.01 * torch.randn(FRAMES, 2, generator=generator)
+    place = glass + 0.005 * torch.randn(FRAMES, 1, generator=generator)
+    return Demonstration(seed, task, state, place, path.roll(-1, dims=0))
+
+
+def shown(*episodes: Demonstration, source: str = "reaching") -> Demonstrations:
+    return Demonstrations(FPS, NAMES, episodes, source)
+
+
+@pytest.fixture(scope="module")
+def demonstrations() -> Demonstrations:
+    return shown(*(reach(seed) for seed in range(4)))
+
+
+@pytest.fixture(scope="module")
+def taught(demonstrations: Demonstrations) -> Imitator:
+    imitator = Imitator.untaught(demonstrations)
+    imitator.learn(demonstrations)
+    return imitator
+
+
+def follow(imitator: Imitator, percepts: Tensor) -> list:
+    imitator.reset()
+    return [imitator.step(percept) for percept in percepts]
+
+
+def test_it_does_what_was_shown_where_it_was_shown(taught: Imitator):
+    new = reach(100)
+    steps = follow(taught, new.percepts)
+    assert not any(step.is_novel for step in steps)
+    acted = [number for number, step in enumerate(steps) if step.action is not None]
+    assert len(acted) > 0.95 * FRAMES
+    wrong = [np.abs(steps[number].action - new.action[number].numpy()).max() for number in acted]
+    assert np.median(wrong) < 0.05
+    assert max(wrong) < 0.2
+
+
+def test_it_does_nothing_where_the_percept_is_new_and_says_what_is(taught: Imitator):
+    steps = follow(taught, reach(100, glass=0.15).percepts)[10:]
+    assert all(step.action is None and step.is_novel for step in steps)
+    assert {step.dimension for step in steps} == {"glass.x"}
+    assert all(step.novelty > 1 for step in steps)
+
+
+def test_a_correction_makes_the_new_place_known_and_forgets_nothing(taught: Imitator):
+    imitator = deepcopy(taught)
+    imitator.learn(shown(*(reach(seed, glass=0.15) for seed in (50, 51)), source="corrections"))
+    for glass in (0.0, 0.15):
+        steps = follow(imitator, reach(100, glass).percepts)
+        assert np.mean([step.action is not None for step in steps]) > 0.9
+    between = follow(imitator, reach(100, glass=0.075).percepts)[10:]
+    assert all(step.is_novel for step in between)
+
+
+def test_corrections_widen_nothing_though_they_are_more_than_the_demonstrations():
+    imitator = Imitator.untaught(shown(reach(0)))
+    imitator.learn(shown(reach(0)))
+    tolerance = imitator.familiarity.tolerance
+    for number, glass in enumerate((0.15, 0.3, 0.45)):
+        (lesson,) = imitator.learn(shown(reach(50 + number, glass)), corrections=True)
+        assert lesson.unfamiliar > 1
+    assert np.array_equal(imitator.familiarity.tolerance, tolerance)
+    assert torch.equal(imitator.first_action, reach(0).action[0])
+    assert [lesson.correction for lesson in imitator.lessons] == [False, True, True, True]
+    assert not any(step.is_novel for step in follow(imitator, reach(100, glass=0.3).percepts))
+    assert all(step.is_novel for step in follow(imitator, reach(100, glass=-0.15).percepts)[10:])
+
+
+def test_lessons_tell_what_was_learned(demonstrations: Demonstrations):
+    imitator = Imitator.untaught(demonstrations)
+    first = imitator.learn(demonstrations)
+    later = imitator.learn(shown(reach(7, glass=0.5, task="reach far"), source="later"))
+    assert imitator.lessons == first + later
+    assert [lesson.episode for lesson in imitator.lessons] == [0, 1, 2, 3, 7]
+    assert later[0].dataset == "later"
+    assert later[0].task == "reach far"
+    assert later[0].frames == FRAMES
+    assert first[0].unfamiliar is None
+    assert later[0].unfamiliar > 1
+    assert sum(lesson.new_nodes for lesson in imitator.lessons) == len(imitator.network.sofm)
+    assert later[0].nodes == len(imitator.network.sofm)
+    assert imitator.network.behaviours == ("reach", "reach far")
+
+
+def test_learning_at_once_equals_learning_one_after_the_other(demonstrations: Demonstrations):
+    at_once, piecemeal = (Imitator.untaught(demonstrations) for _ in range(2))
+    at_once.learn(demonstrations)
+    for episode in demonstrations:
+        piecemeal.learn(shown(episode))
+    assert_same(at_once, piecemeal)
+
+
+def test_the_scale_stays_what_it_was(taught: Imitator):
+    imitator = deepcopy(taught)
+    before = imitator.network.sofm.scale.clone()
+    imitator.learn(shown(replace(reach(9), environment_state=torch.full((FRAMES, 1), 40.0))))
+    assert torch.equal(imitator.network.sofm.scale, before)
+
+
+def test_progress_is_told_in_frames(demonstrations: Demonstrations):
+    told = []
+    Imitator.untaught(demonstrations).learn(demonstrations, told.append)
+    assert sum(told) == 4 * FRAMES
+
+
+def test_the_first_action_is_the_mean_of_the_first_ones(taught: Imitator):
+    assert torch.allclose(taught.first_action, reach(0).action[0])
+    imitator = deepcopy(taught)
+    other = reach(5)
+    imitator.learn(shown(replace(other, action=other.action + 5.0)))
+    assert torch.allclose(imitator.first_action, reach(0).action[0] + 1.0)
+
+
+def test_warmed_up_it_does_the_same_as_new(taught: Imitator):
+    warm, cold = deepcopy(taught), deepcopy(taught)
+    percepts = reach(100).percepts
+    follow(warm, percepts[:30])
+    warm.warm_up()
+    cold.reset()
+    assert warm.network.schemas._timeline is not None
+    for percept in percepts[:30]:
+        one, other = warm.step(percept), cold.step(percept)
+        assert one.novelty == other.novelty
+        assert np.array_equal(one.action, other.action)
+
+
+def test_saved_and_loaded_it_is_the_same(taught: Imitator, tmp_path: Path):
+    taught.save_pretrained(tmp_path / "checkpoint")
+    loaded = Imitator.from_pretrained(tmp_path / "checkpoint")
+    assert loaded.lessons == taught.lessons
+    assert isinstance(loaded.lessons[0], Lesson)
+    assert loaded.config == taught.config
+    percepts = torch.cat([reach(100).percepts[:150], reach(101, glass=0.2).percepts[:20]])
+    for ours, theirs in zip(follow(taught, percepts), follow(loaded, percepts), strict=True):
+        assert (ours.action is None) == (theirs.action is None)
+        assert ours.action is None or np.array_equal(ours.action, theirs.action)
+        assert (ours.novelty, ours.dimension) == (theirs.novelty, theirs.dimension)
+    for imitator in (taught := deepcopy(taught), loaded):
+        imitator.learn(shown(reach(6, glass=0.3)))
+    assert_same(taught, loaded)
+
+
+def test_other_checkpoints_are_refused(taught: Imitator, tmp_path: Path):
+    taught.network.save_pretrained(tmp_path)
+    with pytest.raises(ValueError, match="expected a checkpoint of Imitator"):
+        Imitator.from_pretrained(tmp_path)
+
+
+def test_a_checkpoint_with_a_field_too_many_is_refused(taught: Imitator, tmp_path: Path):
+    from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
+
+    taught.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    write_checkpoint(tmp_path, {**fields, "speed": 3}, tensors)
+    with pytest.raises(ValueError, match=r"expected the fields of ImitatorConfig.*speed"):
+        Imitator.from_pretrained(tmp_path)
+
+
+def test_a_checkpoint_without_a_tensor_is_refused(taught: Imitator, tmp_path: Path):
+    from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
+
+    taught.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    del tensors["first_action"]
+    write_checkpoint(tmp_path, fields, tensors)
+    with pytest.raises(ValueError, match=r"expected the tensors of an Imitator.*first_action"):
+        Imitator.from_pretrained(tmp_path)
+
+
+def test_the_config_is_json(taught: Imitator, tmp_path: Path):
+    taught.save_pretrained(tmp_path)
+    config = json.loads((tmp_path / "config.json").read_text())["config"]
+    assert config["percepts"]["observation.state"] == ["shoulder", "elbow"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fps": 30}, "expected 50 frames per second, as learned before, got 30"),
+        (
+            {"names": {**NAMES, "observation.environment_state": ("glass.y",)}},
+            "expected 'observation.environment_state' with the dimensions glass.x, as learned "
+            "before, got glass.y",
+        ),
+        ({"names": {**NAMES, "action": ("a", "b")}}, "expected 'action' with the dimensions"),
+        ({"names": {k: NAMES[k] for k in ("observation.state", "action")}}, "got none"),
+    ],
+)
+def test_other_demonstrations_are_refused_before_anything_is_learned(
+    taught: Imitator, demonstrations: Demonstrations, change: dict, message: str
+):
+    imitator = deepcopy(taught)
+    with pytest.raises(ValueError, match=message):
+        imitator.learn(replace(demonstrations, **change))
+    assert_same(imitator, taught)
+
+
+@pytest.mark.parametrize(
+    "percept", [np.zeros(2, "f4"), np.full(3, np.nan, "f4"), np.zeros(3), torch.zeros(1, 3)]
+)
+def test_other_percepts_are_refused(taught: Imitator, percept: object):
+    imitator = deepcopy(taught)
+    imitator.reset()
+    with pytest.raises(ValueError, match="percept"):
+        imitator.step(percept)
+
+
+def test_before_anything_was_learned_nothing_is_done(demonstrations: Demonstrations):
+    step = Imitator.untaught(demonstrations).step(demonstrations.episodes[0].percepts[0])
+    assert step.action is None
+    assert step.is_novel
+
+
+@pytest.mark.parametrize(("fps", "frames"), [(30, 80), (50, 300)])
+def test_one_demonstration_is_enough_to_act_by(fps: int, frames: int):
+    one, every = reach(0), FRAMES // frames
+    state = one.state[::every]
+    ahead = targets_ahead(state, steps=5)  # where the arm was told to go: beyond the noise
+    one = replace(one, state=state, environment_state=one.environment_state[::every], action=ahead)
+    demonstrations = Demonstrations(fps, NAMES, (one,), "reaching")
+    imitator = Imitator.untaught(demonstrations)
+    (lesson,) = imitator.learn(demonstrations)
+    assert int(imitator.network.schemas.lengths.sum()) > 0.95 * lesson.frames
+    at, way = one.state[0], []
+    for _ in range(2 * lesson.frames):
+        step = imitator.step(torch.cat([at, torch.zeros(1)]))
+        at = at if step.action is None else torch.from_numpy(step.action)
+        way.append(at)
+    hops = pairwise(way)  # five frames at a time: a place may lie between two
+    way = torch.cat(
+        [torch.lerp(here, there, torch.arange(10)[:, None] / 10) for here, there in hops]
+    )
+    for part in (0.25, 0.5, 0.75):  # of the demonstration: the arm comes by there
+        there = one.state[int(part * lesson.frames)]
+        assert float((way - there).norm(dim=1).amin()) < 0.05
+
+
+def test_in_eval_mode_nothing_is_learned(taught: Imitator):
+    imitator = deepcopy(taught).eval()
+    assert imitator.learn(shown(reach(9))) == []
+    assert imitator.lessons == taught.lessons
+    assert_same(imitator, taught)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda one: replace(one, state=one.state * torch.nan), "finite percepts in episode 8"),
+        (lambda one: replace(one, action=one.action / 0), "finite actions in episode 8"),
+        (lambda one: replace(one, action=one.action[:-1]), "got 299 for 300"),
+    ],
+)
+def test_one_bad_demonstration_refuses_all(taught: Imitator, spoil, message: str):
+    imitator = deepcopy(taught)
+    with pytest.raises(ValueError, match=message):
+        imitator.learn(shown(reach(7), spoil(reach(8))))
+    assert imitator.lessons == taught.lessons
+    assert_same(imitator, taught)
+
+
+def test_an_interrupt_leaves_whole_lessons(taught: Imitator):
+    def interrupt(_: int) -> None:
+        raise KeyboardInterrupt
+
+    interrupted, expected = deepcopy(taught), deepcopy(taught)
+    with pytest.raises(KeyboardInterrupt):
+        interrupted.learn(shown(reach(7), reach(8)), interrupt)
+    interrupted.learn(shown(reach(8)))
+    expected.learn(shown(reach(7), reach(8)))
+    assert interrupted.lessons == expected.lessons
+    assert_same(interrupted, expected)
+
+
+def test_ctrl_c_waits_until_a_demonstration_is_learned(taught: Imitator, monkeypatch):
+    interrupted, expected = deepcopy(taught), deepcopy(taught)
+    append_each = CompetingSchemas.append_each
+
+    def interrupted_append(*args: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+        append_each(*args)
+
+    monkeypatch.setattr(CompetingSchemas, "append_each", interrupted_append)
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            interrupted.learn(shown(reach(7), reach(8)))
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    monkeypatch.undo()
+    expected.learn(shown(reach(7)))
+    assert interrupted.lessons == expected.lessons
+    assert_same(interrupted, expected)
+
+
+def test_an_error_while_a_demonstration_is_learned_leaves_those_before(
+    taught: Imitator, monkeypatch
+):
+    failed, expected = deepcopy(taught), deepcopy(taught)
+
+    def out_of_memory(*_: object) -> None:
+        raise MemoryError
+
+    def fail_from_now_on(_: int) -> None:
+        monkeypatch.setattr(CompetingSchemas, "append_each", out_of_memory)
+
+    with pytest.raises(MemoryError):
+        failed.learn(shown(reach(7), reach(8, glass=0.3)), fail_from_now_on)
+    monkeypatch.undo()
+    expected.learn(shown(reach(7)))
+    assert failed.lessons == expected.lessons
+    assert_same(failed, expected)
+    for imitator in (failed, expected):
+        imitator.learn(shown(reach(9)))
+    assert_same(failed, expected)
+
+
+@pytest.mark.parametrize(
+    "copied", [deepcopy, lambda imitator: pickle.loads(pickle.dumps(imitator))],
+    ids=["deep copy", "pickle"],
+)  # fmt: skip
+def test_a_copy_goes_on_where_the_original_is_and_then_its_own_way(
+    taught: Imitator, copied: Callable[[Imitator], Imitator]
+):
+    imitator, percepts = deepcopy(taught), reach(100).percepts
+    follow(imitator, percepts[:100])
+    twin, other = copied(imitator), copied(imitator)
+    follow(twin, reach(101, glass=0.3).percepts)
+    twin.learn(shown(reach(9)))
+    expected = [imitator.step(percept) for percept in percepts[100:]]
+    np.testing.assert_equal([other.step(percept) for percept in percepts[100:]], expected)
+
+
+@pytest.mark.parametrize("usual", [math.nan, -1.0, 0.0])
+def test_a_checkpoint_that_tolerates_nothing_sensible_is_refused(
+    taught: Imitator, usual: float, tmp_path: Path
+):
+    from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
+
+    taught.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    tensors["familiarity.usual"][0] = usual
+    write_checkpoint(tmp_path, fields, tensors)
+    with pytest.raises(ValueError, match=r"tensors of an Imitator.*familiarity.usual|usual dev"):
+        Imitator.from_pretrained(tmp_path)
+
+
+@pytest.mark.parametrize("lessons", [None, "all", [{"dataset": "reaching"}], [], [3]])
+def test_a_checkpoint_with_other_lessons_is_refused(
+    taught: Imitator, lessons: object, tmp_path: Path
+):
+    from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
+
+    taught.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    write_checkpoint(tmp_path, {**fields, "lessons": lessons}, tensors)
+    with pytest.raises(ValueError, match="lesson"):
+        Imitator.from_pretrained(tmp_path)
+
+
+@pytest.mark.parametrize("lead", [0, FRAMES, 2.0])
+def test_a_lead_within_the_demonstrations(demonstrations: Demonstrations, lead: int):
+    with pytest.raises(ValueError, match="expected lead as a number of frames from 1 to 299"):
+        Imitator.untaught(demonstrations, targets="state", lead=lead)
+
+
+def test_percepts_and_actions_of_one_feature_are_refused(demonstrations: Demonstrations):
+    names = {"observation.state": NAMES["observation.state"]}
+    same = replace(demonstrations, names=names, action="observation.state")
+    with pytest.raises(
+        ValueError, match=r"of different features, got 'observation.state' for both"
+    ):
+        Imitator.untaught(same)
+
+
+def test_nodes_settle_in_time_not_in_frames():
+    at = {}
+    for fps in (10, 50):
+        episodes = Demonstrations(fps, NAMES, (reach(0),), "reaching")
+        at[fps] = Imitator.untaught(episodes).config.network.attention.winner_tau
+    assert at == {10: 1.0, 50: 5.0}
+
+
+def pushed() -> Demonstration:
+    """A point on a line that is pushed by ±0.02 a frame: to and fro at first, then to 6."""
+    actions = torch.tensor(5 * (10 * [0.02] + 10 * [-0.02]) + 300 * [0.02])
+    state = torch.cat([torch.zeros(1), actions.cumsum(0)[:-1]])
+    return Demonstration(0, "go", state[:, None], torch.empty(400, 0), actions[:, None])
+
+
+def test_states_as_targets_are_reached_through_a_forward_model():
+    names = {"observation.state": ("place",), "action": ("push",)}
+    demonstrations = Demonstrations(FPS, names, (pushed(), pushed()), "going")
+    imitator = Imitator.untaught(demonstrations, targets="state", lead=5)
+    imitator.learn(demonstrations)
+    candidates = torch.tensor(imitator.config.forward_model.candidates)
+    assert torch.allclose(candidates, torch.tensor([[-0.02], [0.02]]))
+    place = 1.0
+    for _ in range(100):
+        action = imitator.step(np.float32([place])).action
+        place += 0.0 if action is None else float(action[0])
+    assert place == pytest.approx(3.0, abs=0.2)
+
+
+def test_states_as_targets_need_actions_that_differ(demonstrations: Demonstrations):
+    still = [replace(one, action=torch.zeros_like(one.action)) for one in demonstrations]
+    with pytest.raises(ValueError, match="expected actions that differ"):
+        Imitator.untaught(shown(*still), targets="state")
+
+
+def assert_same(ours: Imitator, theirs: Imitator) -> None:
+    tensors = theirs.state_dict()
+    assert set(ours.state_dict()) == set(tensors)
+    for name, tensor in ours.state_dict().items():
+        assert torch.equal(tensor, tensors[name]), name

@@ -1,0 +1,1 @@
+"""What every training script needs: run folders, logs, workers, videos."""

@@ -1,0 +1,116 @@
+"""Shares tasks out among all usable cores; the number of cores changes nothing in the results."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+from tqdm import tqdm
+
+from pacnet.kernels.threads import use_one_thread
+from train.common.runs import usable_cores
+
+_WORTH_A_POOL = 30  # tasks; fewer are over before the processes of a pool have started
+
+
+class Worker(Protocol):
+    """What runs one task after the other; each process has its own."""
+
+    def run(self, task: Any) -> Any:
+        """The result of one task, decided by it alone."""
+        ...
+
+
+def share_out(
+    make_worker: Callable[..., Worker],
+    arguments: tuple[Any, ...],
+    tasks: Sequence[Any],
+    label: str,
+    unit: str = "episode",
+) -> list[Any]:
+    """The results of all tasks, in their order, under a progress bar.
+
+    Args:
+        make_worker: called in each process; found by its name in its module.
+        arguments: for it.
+        tasks: what the workers run.
+        label: of the progress bar.
+        unit: a task is one of.
+    """
+    results = []
+    with tqdm(total=len(tasks), desc=label, unit=unit) as progress:
+        for result in _results(make_worker, arguments, tasks):
+            results.append(result)
+            progress.update()
+    return results
+
+
+def _results(
+    make_worker: Callable[..., Worker], arguments: tuple[Any, ...], tasks: Sequence[Any]
+) -> Iterator[Any]:
+    if usable_cores() == 1 or len(tasks) < _WORTH_A_POOL:
+        yield from map(make_worker(*arguments).run, tasks)
+        return
+    with processes(_keep_worker, (make_worker, arguments)) as pool:
+        yield from pool.map(_run, tasks)
+
+
+@contextmanager
+def processes(
+    begin: Callable[..., None] | None = None, arguments: tuple[Any, ...] = ()
+) -> Iterator[ProcessPoolExecutor]:
+    """A pool on all usable cores, whose processes end with the block or with this process.
+
+    Args:
+        begin: called in each process when it starts.
+        arguments: for it.
+    """
+    spawn = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(usable_cores(), spawn, _start, (begin, arguments))
+    try:
+        yield pool
+    except BaseException:
+        # The executor's thread may stumble over futures that were cancelled; nobody needs to know.
+        threading.excepthook = lambda _: None
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _start(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115  # their bars would mix with ours
+    use_one_thread()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if begin is not None:
+        begin(*arguments)
+
+
+def _end_with_parent() -> None:
+    """Ends this process when its parent was killed: nobody would take the result."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+_worker: Worker | None = None  # of this process
+
+
+def _keep_worker(make_worker: Callable[..., Worker], arguments: tuple[Any, ...]) -> None:
+    global _worker
+    _worker = make_worker(*arguments)
+
+
+def _run(task: Any) -> Any:
+    assert _worker is not None
+    return _worker.run(task)

@@ -1,0 +1,1 @@
+"""Corrections where a situation is new."""

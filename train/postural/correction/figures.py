@@ -1,0 +1,49 @@
+"""The figure of an imitator that pauses: how novel a known and a new situation are to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pacnet.evaluation.figure_style import BLUE, GREY, VERMILION, new_figure, tidy
+from train.postural.correction.episodes import Attempt
+
+_COLOURS = (BLUE, VERMILION)
+
+
+def novelty_over_time(attempts: Mapping[str, Attempt], timestep: float) -> Figure:
+    """The novelty of episodes, with the pause and the contact with the glass marked.
+
+    Args:
+        attempts: two episodes, each by its name.
+        timestep: time from one step to the next [s].
+    """
+    figure = new_figure(7.5, 3.8)
+    axes = figure.subplots()
+    tidy(axes, "How new is what is seen?", "time [s]", "novelty, in tolerances")
+    for (name, attempt), colour in zip(attempts.items(), _COLOURS, strict=True):
+        times = timestep * np.arange(len(attempt.novelty))
+        axes.plot(times, attempt.novelty, color=colour, linewidth=1.2, label=name)
+        if attempt.pause is not None:
+            at = attempt.pause.step
+            axes.plot(times[at], attempt.novelty[at], "o", color=colour)
+            axes.annotate(
+                f"pauses: {attempt.pause.dimension}",
+                (times[at], attempt.novelty[at]),
+                (10, 0),
+                textcoords="offset points",
+                va="center",
+                color=colour,
+            )
+        if attempt.contact is not None:
+            axes.axvline(
+                times[attempt.contact], color=colour, linestyle=":", label="its hand at its glass"
+            )
+    grasp = max(attempt.grasp for attempt in attempts.values())
+    axes.axvline(timestep * grasp, color=GREY, linestyle="--", label="the demonstrator's hand")
+    axes.axhline(1, color=GREY, linewidth=1, label="new above")
+    axes.set_ylim(bottom=0)
+    figure.legend(frameon=False, fontsize=9, loc="outside lower center", ncols=3)
+    return figure

@@ -1,0 +1,77 @@
+"""Scores of an imitator that pauses where all is new, at known and at new places, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from envs.scene import CONTROL_TIMESTEP
+from train.postural.correction.episodes import Attempt, Turn
+
+_SHOWN = ("episodes", "success_rate", "paused_share", "paused_in_time_share", "novelty_median")
+
+
+def score_attempts(attempts: Sequence[Attempt]) -> dict[str, Any]:
+    """Scores of episodes of one kind."""
+    pauses = [attempt.pause for attempt in attempts if attempt.pause is not None]
+    largest = [float(attempt.novelty.max()) for attempt in attempts]
+    return {
+        "episodes": len(attempts),
+        "success_rate": float(np.mean([attempt.success for attempt in attempts])),
+        "paused_share": len(pauses) / len(attempts),
+        "paused_in_time_share": float(np.mean([attempt.paused_in_time for attempt in attempts])),
+        "paused_after_s": _seconds(median(p.step for p in pauses)) if pauses else None,
+        "paused_for": sorted({pause.dimension for pause in pauses}),
+        "novelty_median": median(largest),
+        "novelty_max": max(largest),
+    }
+
+
+def score_turn(turn: Turn) -> dict[str, Any]:
+    """What happened at one attempt while the imitator was corrected."""
+    pause = turn.attempt.pause
+    return {
+        "place": turn.place,
+        "success": turn.attempt.success,
+        "paused_at_s": None if pause is None else _seconds(pause.step),
+        "dimension": None if pause is None else pause.dimension,
+        "deviation": None if pause is None else pause.deviation,
+        "tolerated": None if pause is None else pause.tolerated,
+        "learning_s": turn.learning,
+    }
+
+
+def print_turn(turn: Turn) -> None:
+    """One line that says what the imitator did, why it stopped, and what it learned."""
+    where = f"place {turn.place}" if turn.place else "usual place"
+    print(f"{where:12}  {_told(turn.attempt)}{_learned(turn.learning)}")
+
+
+def print_scores(scores: Mapping[str, Mapping[str, Any]]) -> None:
+    """Scores by the kind of episodes."""
+    print(f"\n{'':28}" + "".join(f"{name:>22}" for name in _SHOWN))
+    for kind, score in scores.items():
+        numbers = (score[name] for name in _SHOWN)
+        told = (f"{n:22d}" if isinstance(n, int) else f"{n:22.3f}" for n in numbers)
+        print(f"{kind:28}" + "".join(told))
+
+
+def _told(attempt: Attempt) -> str:
+    pause = attempt.pause
+    if pause is None:
+        return "acted, with success" if attempt.success else "acted, without success"
+    return (
+        f"paused after {_seconds(pause.step):.2f} s: {pause.dimension} is {pause.deviation:+.3f} "
+        f"off, {pause.tolerated:.3f} is tolerated"
+    )
+
+
+def _learned(seconds: float | None) -> str:
+    return "" if seconds is None else f"; shown, and learned in {seconds:.3f} s"
+
+
+def _seconds(step: float) -> float:
+    return round(float(step) * CONTROL_TIMESTEP, 6)

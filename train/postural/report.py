@@ -1,0 +1,90 @@
+"""What a run of Experiment 1 shows: the paper's figures from live data, a film, a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+from tqdm import tqdm
+
+from envs.physics import CONTROL_TIMESTEP
+from pacnet import PACNet
+from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.evaluation.map_figures import (
+    map_on_components,
+    percepts_on_components,
+    winners_over_time,
+    wrist_paths,
+)
+from pacnet.evaluation.pca import PrincipalComponents
+from train.common.video import write_gif, write_mp4
+from train.postural.episodes import Condition, RecallEpisode, make_environment, recall_episode
+from train.postural.scores import Scores, winners_of
+
+FPS = round(1 / CONTROL_TIMESTEP)  # of an episode [1/s]
+
+FRAME_STEPS = 3  # steps from one frame of the film to the next
+
+PAPER = {"nodes": "12", "pca_variance_2": "0.78"}  # what the paper reports, of all we measure
+
+
+def draw(
+    network: PACNet, demonstrations: Demonstrations, recalled: RecallEpisode
+) -> tuple[dict[str, Figure], Scores]:
+    """The paper's Figures 6a-c and 7 from live data, and the variance they show."""
+    percepts = [demonstration.percepts.numpy() for demonstration in demonstrations]
+    components = PrincipalComponents.fit(np.concatenate(percepts), network.sofm.scale.numpy())
+    variance = components.explained_variance_ratio
+    points = components.project(np.concatenate(percepts))
+    times = np.concatenate([np.arange(len(episode)) for episode in percepts]) / FPS
+    nodes = components.project(network.sofm.prototypes.numpy())
+    figures = {
+        "percepts": percepts_on_components(points, times, variance),
+        "map": map_on_components(nodes, network.sofm.edges.live("ends").numpy(), points, variance),
+        "winners": winners_over_time(
+            recalled.winners, CONTROL_TIMESTEP, winners_of(network, percepts[-1])
+        ),
+        "wrists": wrist_paths(recalled.demonstrator_wrist, recalled.imitator_wrist),
+    }
+    return figures, {"nodes": len(nodes), "pca_variance_2": components.variance(2)}
+
+
+def film(checkpoint: str | Path, seed: int, condition: Condition, folder: Path) -> None:
+    """A video of one recall episode: `recall.mp4`, and the same as `recall.gif`."""
+    environment = make_environment(condition, render=True)
+    frames: list[NDArray[np.uint8]] = []
+    with tqdm(desc="filming", unit="step") as progress:
+
+        def take(step: int) -> None:
+            progress.total = environment.episode_steps
+            progress.update()
+            if step % FRAME_STEPS == 0:
+                frames.append(_with_names(environment.render()))
+
+        recall_episode(PACNet.from_pretrained(checkpoint), environment, seed, take)
+    write_mp4(frames, folder / "recall.mp4", FPS / FRAME_STEPS)
+    write_gif([frame[::2, ::2] for frame in frames], folder / "recall.gif", FPS / FRAME_STEPS)
+
+
+def _with_names(frame: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
+    """A frame with the names of both bodies under them."""
+    assert frame is not None
+    picture = Image.fromarray(frame)
+    height, width = frame.shape[:2]
+    font = ImageFont.load_default(size=height / 18)
+    for name, share in (("demonstrator", 0.25), ("imitator", 0.75)):
+        place = (share * width, 0.98 * height)
+        ImageDraw.Draw(picture).text(place, name, "white", font, anchor="mb")
+    return np.asarray(picture)
+
+
+def print_table(scores: Mapping[str, float | int]) -> None:
+    """The scores beside what the paper reports."""
+    print(f"\n{'':32}{'paper':>8}{'measured':>12}")
+    for name, value in scores.items():
+        measured = f"{value:.4f}" if isinstance(value, float) else str(value)
+        print(f"{name:32}{PAPER.get(name, '-'):>8}{measured:>12}")

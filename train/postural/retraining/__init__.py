@@ -1,0 +1,1 @@
+"""Retraining by spoiled demonstrations."""

@@ -1,0 +1,202 @@
+"""Replicates of the retraining experiment: demonstrations of which some are spoiled, and networks.
+
+The networks of a replicate differ in their motor schemas and in the order of what they are shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from envs.mishaps import MISHAPS
+from pacnet import CompetingSchemasConfig, MotorSchemasConfig, PACNet
+from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.recorder import Recorder
+from train.common.expected_findings import expect_findings
+from train.common.pool import processes
+from train.postural.episodes import (
+    PERCEPTS,
+    TARGETS,
+    TASK,
+    Condition,
+    demonstration_seeds,
+    make_environment,
+    recall_episode,
+    recall_seeds,
+    watch_demonstration,
+)
+from train.postural.report import FPS
+from train.postural.scores import Scores, score_episodes
+from train.postural_imitation import (
+    FEATURES,
+    NOVELTY_THRESHOLD,
+    frames_of,
+    learn,
+    make_network,
+)
+
+
+class Policy(NamedTuple):
+    """How a network learns.
+
+    Attributes:
+        schemas: its motor schemas.
+        shown: the demonstrations in the order in which they were drawn, those that are not spoiled
+            before those that are, or the former alone.
+    """
+
+    schemas: MotorSchemasConfig | CompetingSchemasConfig
+    shown: Literal["as drawn", "spoiled last", "unspoiled"]
+
+
+_OVERWRITTEN = MotorSchemasConfig(TARGETS, PERCEPTS)
+_SEVERAL = CompetingSchemasConfig(TARGETS, PERCEPTS)
+
+UNSPOILED = "unspoiled"
+POLICIES = {
+    "overwriting": Policy(_OVERWRITTEN, "as drawn"),
+    "several_schemas": Policy(_SEVERAL, "as drawn"),
+    "overwriting_spoiled_last": Policy(_OVERWRITTEN, "spoiled last"),
+    "several_schemas_spoiled_last": Policy(_SEVERAL, "spoiled last"),
+    UNSPOILED: Policy(_OVERWRITTEN, "unspoiled"),
+}
+
+WHY_SPOILED = "spoiled on purpose: the hand trembles, is interrupted or misses the glass"
+_REPLICATES, _MISHAPS = 2, 3  # what seeds are drawn for, beside demonstrations and recalls
+
+
+@dataclass(frozen=True)
+class Replicate:
+    """What decides a replicate.
+
+    Attributes:
+        seed: of all its draws.
+        mishaps: what goes wrong in each of its demonstrations, in order; None for nothing.
+    """
+
+    seed: int
+    mishaps: tuple[str | None, ...]
+
+
+def draw_replicates(
+    seed: int, count: int, demonstrations: int, spoiled: float
+) -> tuple[Replicate, ...]:
+    """Replicates of a run; fewer are the first of more.
+
+    Args:
+        seed: of the run.
+        count: of replicates.
+        demonstrations: of each replicate, ≥ 2.
+        spoiled: share of them that have a mishap, rounded; at least one has, and not all.
+    """
+    number = min(max(round(spoiled * demonstrations), 1), demonstrations - 1)
+    seeds = np.random.SeedSequence([seed, _REPLICATES]).generate_state(count).tolist()
+    return tuple(Replicate(own, _draw_mishaps(own, demonstrations, number)) for own in seeds)
+
+
+def _draw_mishaps(seed: int, demonstrations: int, number: int) -> tuple[str | None, ...]:
+    rng = np.random.default_rng([seed, _MISHAPS])
+    mishaps: list[str | None] = [None] * demonstrations
+    for place in rng.choice(demonstrations, number, replace=False).tolist():
+        mishaps[place] = str(rng.choice(MISHAPS))
+    return tuple(mishaps)
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """One network of one replicate.
+
+    Attributes:
+        replicate: whose demonstrations it learns.
+        policy: one of `POLICIES`.
+        dataset: folder of the demonstrations.
+        checkpoint: folder in which it is kept.
+        episodes: number of new ones that it recalls.
+    """
+
+    replicate: Replicate
+    policy: str
+    dataset: Path
+    checkpoint: Path
+    episodes: int
+
+
+def record(replicate: Replicate, folder: Path) -> None:
+    """Records a replicate's demonstrations, spoiled ones among them, into a LeRobot dataset."""
+    environment = make_environment(Condition())
+    seeds = demonstration_seeds(replicate.seed, len(replicate.mishaps))
+    with Recorder(folder, FPS, FEATURES, "postural_imitation") as recorder:
+        for seed, mishap in zip(seeds, replicate.mishaps, strict=True):
+            percepts = watch_demonstration(environment, seed, mishap)
+            recorder.save_episode(TASK, frames_of(percepts))
+    spoiled = [place for place, mishap in enumerate(replicate.mishaps) if mishap is not None]
+    expect_findings(folder, "episodes.*", WHY_SPOILED, spoiled)
+
+
+def shown_to(policy: Policy, replicate: Replicate) -> list[int]:
+    """Places, in the order as drawn, of the demonstrations that a network is shown, in order."""
+    spoiled = [mishap is not None for mishap in replicate.mishaps]
+    if policy.shown == "as drawn":
+        return list(range(len(spoiled)))
+    first = [place for place, bad in enumerate(spoiled) if not bad]
+    if policy.shown == "unspoiled":
+        return first
+    return first + [place for place, bad in enumerate(spoiled) if bad]
+
+
+def teach(lesson: Lesson) -> None:
+    """A network learns its demonstrations, each once, and is saved."""
+    policy = POLICIES[lesson.policy]
+    recorded = load_demonstrations(lesson.dataset)
+    shown = tuple(
+        replace(recorded.episodes[place], episode=number)
+        for number, place in enumerate(shown_to(policy, lesson.replicate))
+    )
+    network = PACNet(replace(make_network(NOVELTY_THRESHOLD).config, schemas=policy.schemas))
+    learn(network, replace(recorded, episodes=shown))
+    network.save_pretrained(lesson.checkpoint)
+
+
+def teach_and_score(lesson: Lesson) -> Scores:
+    """Teaches a network, loads it, and scores it on episodes in which nothing goes wrong."""
+    teach(lesson)
+    network = PACNet.from_pretrained(lesson.checkpoint).eval()
+    environment = make_environment(Condition())
+    seeds = recall_seeds(lesson.replicate.seed, lesson.episodes)
+    scores = score_episodes([recall_episode(network, environment, seed) for seed in seeds])
+    schemas = int((network.schemas.lengths > 0).sum())
+    return {"nodes": len(network.sofm), "schemas": schemas, **scores}
+
+
+def run_replicates(
+    replicates: Sequence[Replicate], folder: Path, episodes: int
+) -> Iterator[dict[str, Scores]]:
+    """Policy -> scores of each replicate in turn, on all cores; their number changes nothing.
+
+    Args:
+        replicates: to run.
+        folder: of the run, for datasets and checkpoints.
+        episodes: of each replicate to recall.
+    """
+    datasets = [folder / "dataset" / f"replicate-{number}" for number in range(len(replicates))]
+    lessons = [
+        Lesson(replicate, policy, dataset, folder / "checkpoint" / dataset.name / policy, episodes)
+        for replicate, dataset in zip(replicates, datasets, strict=True)
+        for policy in POLICIES
+    ]
+    steps = len(replicates) + len(lessons)
+    with processes() as pool, tqdm(total=steps, desc="retraining", unit="step") as progress:
+        for _ in pool.map(record, replicates, datasets):
+            progress.update()
+        done: dict[str, Scores] = {}
+        for lesson, scores in zip(lessons, pool.map(teach_and_score, lessons), strict=True):
+            progress.update()
+            done[lesson.policy] = scores
+            if len(done) == len(POLICIES):
+                yield done
+                done = {}

@@ -1,0 +1,193 @@
+"""Episodes of the paper's Figure 2: three behaviours watched, cut into 13 schemas, and imitated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from envs.postural_imitation import PosturalImitationEnv, percept
+from pacnet import NOBODY, PACNet
+from pacnet.competition.winner_take_all import Competition, CompetitionConfig
+from pacnet.network.schema_network import SchemaNetwork
+from pacnet.network.schema_network_config import SchemaNetworkConfig
+from train.common.pool import share_out
+from train.postural.episodes import (
+    PERCEPTS,
+    SMOOTHING,
+    TARGETS,
+    Condition,
+    make_environment,
+    motor_targets,
+)
+from train.postural.scores import winners_of
+from train.postural_imitation import SCALE
+
+# Behaviour -> its schemas, numbered from 1 as in the paper.
+SCHEMAS = {"drink": (1, 2, 3, 4, 5), "toast": (1, 6, 7, 8, 9), "move": (10, 11, 12, 13)}
+PARTS = 4  # of equal duration, into which a behaviour is cut after what it shares
+
+WIDTH = 0.5  # [scaled units]; noise alone keeps 0.07 away from the nearest percept of a sequence
+THRESHOLD = 0.5  # confidence: 0.35 away
+MARGIN = 0.1  # confidence: what noise makes of two equal ones seldom differs by more
+
+SCHEMA_NETWORK, PACNET = "schema network", "PACNet"
+SCHEMA_NETWORK_HELD, PACNET_HELD = "schema network, hysteresis", "PACNet, hysteresis"
+SYSTEMS = (SCHEMA_NETWORK, SCHEMA_NETWORK_HELD, PACNET, PACNET_HELD)
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A demonstration as the imitator perceives it. T samples."""
+
+    percepts: NDArray[np.float32]  # [T, 28]
+    phases: tuple[str, ...]  # [T]
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One behaviour shown once, to every system. T samples."""
+
+    behaviour: str
+    shown: Shown
+    winners: Mapping[str, NDArray[np.int64]]  # system -> [T], a schema from 1 or a node from 0
+    success: Mapping[str, bool]  # of the systems that acted
+
+
+def watch(environment: PosturalImitationEnv, seed: int) -> Shown:
+    """A demonstration, watched by an imitator that rests."""
+    shown, _ = _live_through(environment, seed, lambda _: environment.rest_posture)
+    return shown
+
+
+def make_schema_network(shown: Mapping[str, Shown]) -> SchemaNetwork:
+    """The 13 pairs, cut by hand out of one demonstration of each behaviour.
+
+    Schema 1 is the drink up to the grasp, the approach that drink and toast share; the rest of
+    either, and the whole of the move, are `PARTS` parts of equal duration. The percepts are
+    smoothed as the targets are: who gives schemas by hand gives clean ones.
+
+    Args:
+        shown: behaviour -> its demonstration.
+    """
+    rules = CompetitionConfig(THRESHOLD)
+    network = SchemaNetwork(SchemaNetworkConfig(PERCEPTS, TARGETS, SCALE, WIDTH, rules))
+    grasp = {name: shown[name].phases.index("grasp") for name in ("drink", "toast")}
+    cuts = [("drink", (0, grasp["drink"]))]
+    for name, start in (*grasp.items(), ("move", 0)):
+        bounds = np.linspace(start, len(shown[name].phases), PARTS + 1).round().astype(int)
+        cuts += [(name, (first, last)) for first, last in pairwise(bounds.tolist())]
+    for name, bounds in cuts:
+        percepts, part = shown[name].percepts, slice(*bounds)
+        smooth = savgol_filter(percepts, SMOOTHING, polyorder=2, axis=0).astype(np.float32)
+        targets = motor_targets(percepts)
+        network.add_schema(torch.from_numpy(smooth[part]), torch.from_numpy(targets[part]))
+    return network
+
+
+def with_margin(network: SchemaNetwork, margin: float) -> SchemaNetwork:
+    """The same schemas with another margin of their competition."""
+    rules = replace(network.config.competition, margin=margin)
+    other = SchemaNetwork(replace(network.config, competition=rules))
+    other.load_state_dict(network.state_dict())
+    return other
+
+
+def held_out_episodes(
+    checkpoints: Path, seeds: Mapping[str, Sequence[int]], label: str = "imitating"
+) -> list[Episode]:
+    """Shows new episodes of each behaviour to all systems, on all cores.
+
+    Every episode is drawn from its own seed, so the number of cores changes nothing.
+
+    Args:
+        checkpoints: folder of the checkpoints `schema_network` and `pacnet`.
+        seeds: behaviour -> one an episode.
+        label: of the progress bar.
+
+    Returns:
+        The episodes, in the order of their behaviours and seeds.
+    """
+    tasks = [(behaviour, seed) for behaviour in seeds for seed in seeds[behaviour]]
+    return share_out(_Worker, (checkpoints,), tasks, label)
+
+
+def _live_through(
+    environment: PosturalImitationEnv, seed: int, choose: Callable[[NDArray], NDArray]
+) -> tuple[Shown, bool]:
+    """One episode in which `choose` gives the imitator's target for each percept.
+
+    Returns:
+        What was shown, and whether the imitator did the task.
+    """
+    observation, info = environment.reset(seed=seed)
+    percepts, phases, truncated = [], [], False
+    while not truncated:
+        percepts.append(percept(observation))
+        phases.append(info["phase"])
+        observation, _, _, truncated, info = environment.step_to(choose(percepts[-1]))
+    return Shown(np.stack(percepts), tuple(phases)), bool(info["is_success"])
+
+
+def _imitate(
+    network: SchemaNetwork | PACNet, environment: PosturalImitationEnv, seed: int
+) -> tuple[Shown, bool]:
+    """One episode with the winner's targets; where nothing is commanded the last one is held."""
+    network.reset()
+    target = environment.rest_posture
+
+    def choose(seen: NDArray[np.float32]) -> NDArray[np.float32]:
+        nonlocal target
+        recall = network.recall(torch.from_numpy(seen)[None])
+        if recall.commanded.item():
+            target = recall.targets[0].numpy()
+        return target
+
+    return _live_through(environment, seed, choose)
+
+
+class _Worker:
+    """The systems and the environments, which run episode after episode."""
+
+    def __init__(self, checkpoints: Path) -> None:
+        self.schemas = SchemaNetwork.from_pretrained(checkpoints / "schema_network")
+        self.held = with_margin(self.schemas, MARGIN)
+        self.pacnet = PACNet.from_pretrained(checkpoints / "pacnet").eval()
+        self.environments = {
+            behaviour: make_environment(Condition(behaviour=behaviour)) for behaviour in SCHEMAS
+        }
+
+    def run(self, task: tuple[str, int]) -> Episode:
+        behaviour, seed = task
+        environment = self.environments[behaviour]
+        # What the imitator does changes what it perceives by rounding alone.
+        shown, success = _imitate(self.schemas, environment, seed)
+        _, other_success = _imitate(self.pacnet, environment, seed)
+        winners = {
+            SCHEMA_NETWORK: schemas_winning(self.schemas, shown.percepts),
+            SCHEMA_NETWORK_HELD: schemas_winning(self.held, shown.percepts),
+            PACNET: winners_of(self.pacnet, shown.percepts),
+            PACNET_HELD: held_winners(self.pacnet, shown.percepts),
+        }
+        return Episode(behaviour, shown, winners, {SCHEMA_NETWORK: success, PACNET: other_success})
+
+
+def schemas_winning(network: SchemaNetwork, percepts: NDArray[np.float32]) -> NDArray[np.int64]:
+    """The schemas that win `[T]`, numbered from 1; `NOBODY` where none is active."""
+    network.reset()
+    winner = network.recall(torch.from_numpy(percepts)).winner
+    return torch.where(winner == NOBODY, NOBODY, winner + 1).numpy()
+
+
+def held_winners(network: PACNet, percepts: NDArray[np.float32]) -> NDArray[np.int64]:
+    """The nodes that win `[T]` when they compete by their activations, with hysteresis."""
+    scaled = network.sofm.scaled(torch.from_numpy(percepts))
+    activations = torch.exp(-torch.cdist(scaled, network.sofm.nodes.live("prototype")))
+    rules = CompetitionConfig(network.config.attention.novelty_threshold, MARGIN)
+    return Competition(rules).over_time(activations).numpy()

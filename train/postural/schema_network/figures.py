@@ -1,0 +1,214 @@
+"""Figures of the schema network beside PACNet: winners over time, why they flicker, switches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import ArrayLike, NDArray
+
+from pacnet.evaluation.figure_style import (
+    BLUE,
+    GREY,
+    INK,
+    LABEL_SIZE,
+    VERMILION,
+    finite_array,
+    new_figure,
+    tidy,
+    winner_series,
+)
+from pacnet.evaluation.metrics import switches
+
+_SHADES = (VERMILION, "#f0b48c", BLUE, "#8cc4e8")  # of each two systems, the second held
+_BAR = 6  # [pt] thickness of a winner's bar
+
+
+class Behaviour(NamedTuple):
+    """What is shown in a panel."""
+
+    name: str
+    phases: Sequence[str]  # [T]
+    schemas: Sequence[int]  # numbers, from 1, of those that it was cut into
+
+
+def winners_and_confidences(
+    shown: Behaviour,
+    winners: ArrayLike,
+    confidences: ArrayLike,
+    timestep: float,
+    rivals: Sequence[int],
+) -> Figure:
+    """The output of the schema network over time (the paper's Figure 2), and some confidences.
+
+    Args:
+        shown: The behaviour.
+        winners: Number, from 1, of the schema that wins each sample, negative for none [T].
+        confidences: Of each schema [T, S].
+        timestep: Time from one sample to the next [s].
+        rivals: Numbers of schemas whose confidences are drawn.
+
+    Raises:
+        ValueError: Winners that are not integers [T], or confidences of another length.
+    """
+    won = winner_series(winners)
+    values = finite_array("confidences", confidences, (len(won), None))
+    figure = new_figure(9, 6.6)
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    title = f"Output of the schema network, shown {shown.name}: {_chain(shown.schemas)}"
+    tidy(top, title, "", "winning schema")
+    _draw_schemas(top, won, timestep, shown.schemas, values.shape[1])
+    _mark_phases(top, shown.phases, timestep, named=True)
+    names = " and ".join(map(str, rivals))
+    tidy(bottom, f"Confidence of schemas {names}", "time [s]", "confidence")
+    seconds = np.arange(len(won)) * timestep
+    for schema in rivals:
+        colour = BLUE if schema in shown.schemas else VERMILION
+        bottom.plot(
+            seconds, values[:, schema - 1], color=colour, linewidth=0.9, label=f"schema {schema}"
+        )
+    bottom.set_ylim(0, 1.2)  # room for the legend
+    bottom.set_yticks(np.linspace(0, 1, 6))
+    bottom.legend(loc="upper center", frameon=False, ncols=len(rivals))
+    _mark_phases(bottom, shown.phases, timestep, named=False)
+    _explain_colours(figure)
+    return figure
+
+
+def side_by_side(
+    panels: Sequence[tuple[Behaviour, Mapping[str, ArrayLike]]], timestep: float, schemas: int
+) -> Figure:
+    """Winners over time of two systems that are shown the same episodes.
+
+    Args:
+        panels: A row each: the behaviour; system -> winners [T], of the schema network from 1, of
+            the other from 0.
+        timestep: Time from one sample to the next [s].
+        schemas: Number of the schema network's schemas.
+
+    Raises:
+        ValueError: Winners that are not integers [T].
+    """
+    figure = new_figure(11, 2.9 * len(panels))
+    grid = figure.subplots(len(panels), 2, squeeze=False)
+    for row, (shown, systems) in zip(grid, panels, strict=True):
+        for axes, (system, value) in zip(row, systems.items(), strict=True):
+            won = winner_series(value)
+            title = f"{shown.name}: {switches(won)} switches of {system}"
+            tidy(axes, title, "time [s]" if row is grid[-1] else "", "")
+            if axes is row[0]:
+                _draw_schemas(axes, won, timestep, shown.schemas, schemas)
+                axes.set_ylabel("winning schema")
+            else:
+                _draw_nodes(axes, won, timestep)
+            _mark_phases(axes, shown.phases, timestep, named=True)
+    _explain_colours(figure)
+    return figure
+
+
+def switches_per_episode(means: Mapping[str, Mapping[str, float]]) -> Figure:
+    """Mean number of switches per episode of up to four systems.
+
+    Args:
+        means: System -> behaviour -> number.
+    """
+    behaviours = list(next(iter(means.values())))
+    figure = new_figure(8, 1.2 + 0.32 * len(behaviours) * len(means))
+    axes = figure.subplots()
+    tidy(axes, "Changes of the winner per episode", "mean number of changes (log scale)", "")
+    height = 0.8 / len(means)
+    rows = np.arange(len(behaviours))
+    for place, ((system, values), colour) in enumerate(zip(means.items(), _SHADES, strict=False)):
+        numbers = [values[behaviour] for behaviour in behaviours]
+        bars = axes.barh(rows + (place - 1.5) * height, numbers, height, color=colour, label=system)
+        axes.bar_label(bars, fmt="{:.1f}", padding=3, size=LABEL_SIZE)
+    axes.set_xscale("log")
+    axes.set_xlim(1, 1.6 * max(max(values.values()) for values in means.values()))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_yticks(rows, behaviours)
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
+def _draw_schemas(
+    axes: Axes, winners: NDArray, timestep: float, expected: Sequence[int], schemas: int
+) -> None:
+    """A row a schema; those that the shown behaviour was cut into in blue, others in vermilion."""
+    numbers = range(1, schemas + 1)
+    colours = {schema: BLUE if schema in expected else VERMILION for schema in numbers}
+    _draw_runs(axes, winners, timestep, {schema: schema for schema in numbers}, colours)
+    axes.set_yticks(numbers)
+    _set_rows(axes, 1, schemas)
+    for label, schema in zip(axes.get_yticklabels(), numbers, strict=True):
+        label.set_color(BLUE if schema in expected else GREY)
+        label.set_fontsize(LABEL_SIZE)
+
+
+def _draw_nodes(axes: Axes, winners: NDArray, timestep: float) -> None:
+    """A row a node, in the order in which they first win."""
+    order = [node for node in dict.fromkeys(winners.tolist()) if node >= 0]
+    rows = {node: row for row, node in enumerate(order)}
+    _draw_runs(axes, winners, timestep, rows, dict.fromkeys(order, INK))
+    axes.set_yticks(range(len(order)), [str(node) for node in order])
+    axes.tick_params(axis="y", labelsize=LABEL_SIZE)
+    _set_rows(axes, 0, max(len(order) - 1, 0))
+    axes.set_ylabel("winning node, by first win")
+
+
+def _draw_runs(
+    axes: Axes,
+    winners: NDArray,
+    timestep: float,
+    rows: Mapping[int, int],
+    colours: Mapping[int, str],
+) -> None:
+    """A bar from the first sample of each run of wins to the next run's."""
+    start = 0
+    for winner, run in groupby(winners.tolist()):
+        end = start + len(list(run))
+        if winner >= 0:
+            axes.hlines(
+                rows[winner], start * timestep, end * timestep, colours[winner], linewidth=_BAR
+            )
+        start = end
+
+
+def _set_rows(axes: Axes, first: int, last: int) -> None:
+    """The first row on top, as in the paper; under the last one room for the phases' names."""
+    axes.set_ylim(last + 0.6 + 0.27 * (last - first + 1), first - 0.7)
+
+
+def _mark_phases(axes: Axes, phases: Sequence[str], timestep: float, named: bool) -> None:
+    """A faint line where a phase ends, and its name at the bottom."""
+    axes.grid(visible=False, axis="x")
+    start = 0
+    for name, run in groupby(phases):
+        end = start + len(list(run))
+        axes.axvline(end * timestep, color=INK, alpha=0.25, linewidth=0.7)
+        if named and name != "rest":
+            place = ((start + end) / 2 * timestep, 0.0)
+            axes.annotate(
+                name, place, (0, 3), xycoords=("data", "axes fraction"),
+                textcoords="offset points", ha="center", va="bottom", size=LABEL_SIZE - 1,
+                color=INK, rotation=90,
+            )  # fmt: skip
+        start = end
+    axes.set_xlim(0, start * timestep)
+
+
+def _explain_colours(figure: Figure) -> None:
+    """What blue and vermilion winners are."""
+    handles = [Line2D([], [], color=colour, linewidth=_BAR) for colour in (BLUE, VERMILION)]
+    names = ("schema of the shown behaviour", "schema of another behaviour")
+    figure.legend(handles, names, loc="outside lower center", ncols=2, frameon=False)
+
+
+def _chain(schemas: Sequence[int]) -> str:
+    return "-".join(map(str, schemas))

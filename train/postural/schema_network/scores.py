@@ -1,0 +1,152 @@
+"""Scores of the paper's Figure 2: who wins in which order, who takes turns, what is kept twice."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import groupby, pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from pacnet import NOBODY
+from pacnet.evaluation.metrics import switches, winner_order
+from train.postural.schema_network.episodes import SCHEMAS, Episode
+
+ALIKE = 1.0  # [degrees] RMS over the joints within which two targets are the same
+LEAST = 10  # [samples] that a schema must win in an episode to have a place in the order
+GRASPING = (2, 6)  # the schemas that the paper found to take turns
+SHOWN_PAIRS = 5  # of those that take turns most
+
+
+def order_of_medians(winners: NDArray[np.int64], schemas: Sequence[int]) -> tuple[int, ...]:
+    """A behaviour's own schemas in the order of the median time at which each wins.
+
+    A median does not mind flickers, and not that a schema comes back for a while when the same
+    posture does.
+
+    Args:
+        winners: `[T]`.
+        schemas: whose order; those that win fewer than `LEAST` samples are left out.
+    """
+    times = {schema: np.flatnonzero(winners == schema) for schema in schemas}
+    lasting = [schema for schema in schemas if len(times[schema]) >= LEAST]
+    return tuple(sorted(lasting, key=lambda schema: float(np.median(times[schema]))))
+
+
+def strict_order(winners: NDArray[np.int64], schemas: Sequence[int]) -> tuple[int, ...]:
+    """`winner_order` of all schemas, the alternation in the grasp allowed.
+
+    Runs under three samples are left out, and the behaviour's own one of schemas 2 and 6 stands for
+    both.
+    """
+    own = next((schema for schema in GRASPING if schema in schemas), NOBODY)
+    folded = [own if own != NOBODY and node in GRASPING else node for node in winner_order(winners)]
+    return tuple(node for node, _ in groupby(folded))
+
+
+def score_system(episodes: Sequence[Episode], system: str) -> dict[str, float]:
+    """Means over episodes, for any system.
+
+    Returns:
+        `switches`: changes of the winner, flickers included; `nobody_share`: samples that nobody
+        wins; `task_success_rate`, of a system that acted.
+    """
+    winners = [episode.winners[system] for episode in episodes]
+    scores = {
+        "switches": _mean(map(switches, winners)),
+        "nobody_share": _mean((won == NOBODY).mean() for won in winners),
+    }
+    if all(system in episode.success for episode in episodes):
+        scores["task_success_rate"] = _mean(episode.success[system] for episode in episodes)
+    return scores
+
+
+def score_schemas(episodes: Sequence[Episode], system: str) -> dict[str, Any]:
+    """Means over the episodes of one behaviour, for a schema network.
+
+    Returns:
+        `in_order_rate`: share of episodes in which the behaviour's own schemas win in order, by
+        `order_of_medians`; `strictly_in_order_rate`: likewise by `strict_order`; `own_share`: of
+        the samples that somebody wins, those that one of its own schemas wins; `alternations_2_6`:
+        changes between 2 and 6, samples of others left out; `alternations_2_6_by_phase`: where the
+        later of the two won; `switches_by_phase`; `switching_pairs`: who takes turns most, changes
+        per episode.
+    """
+    own = SCHEMAS[episodes[0].behaviour]
+    winners = [episode.winners[system] for episode in episodes]
+    phases = [episode.shown.phases for episode in episodes]
+    turns = [_changes(np.where(np.isin(won, GRASPING), won, NOBODY)) for won in winners]
+    every = [_changes(won) for won in winners]
+    pairs = Counter("-".join(map(str, sorted(pair))) for changes in every for _, *pair in changes)
+    return {
+        "in_order_rate": _mean(order_of_medians(won, own) == own for won in winners),
+        "strictly_in_order_rate": _mean(strict_order(won, own) == own for won in winners),
+        "own_share": _mean(np.isin(won[won != NOBODY], own).mean() for won in winners),
+        "alternations_2_6": _mean(map(len, turns)),
+        "alternations_2_6_by_phase": _by_phase(turns, phases),
+        "switches_by_phase": _by_phase(every, phases),
+        "switching_pairs": _per_episode(pairs.most_common(SHOWN_PAIRS), len(episodes)),
+    }
+
+
+def score_duplicates(schemas: Sequence[Tensor]) -> dict[str, float | int]:
+    """How much motor schemas say that others say too; for any system.
+
+    Two targets are alike if the RMS of their differences over the joints is within `ALIKE`.
+
+    Args:
+        schemas: the targets of each motor schema, `[L, A]` [rad].
+
+    Returns:
+        `motor_schemas`; `stored_targets`; `duplicate_pairs`: pairs of which one adds nothing to the
+        other, the RMS distance of its targets from the other's nearest within `ALIKE`;
+        `redundant_share`: targets that have one alike in another schema.
+    """
+    nearest = [[_nearest(one, other) for other in schemas] for one in schemas]  # each [L]
+    contained = [[bool(d.square().mean().sqrt() <= ALIKE) for d in row] for row in nearest]
+    numbers = range(len(schemas))
+    pairs = sum(contained[i][j] or contained[j][i] for i in numbers for j in range(i))
+    twice = [
+        torch.stack([nearest[i][j] <= ALIKE for j in numbers if j != i]).any(dim=0) for i in numbers
+    ]
+    return {
+        "motor_schemas": len(schemas),
+        "stored_targets": sum(map(len, schemas)),
+        "duplicate_pairs": pairs,
+        "redundant_share": float(torch.cat(twice).float().mean()),
+    }
+
+
+def _nearest(one: Tensor, other: Tensor) -> Tensor:
+    """RMS distance [degrees] over the joints from each target `[L, A]` to the other's nearest."""
+    return torch.rad2deg(torch.cdist(one, other).amin(dim=1) / one.shape[1] ** 0.5)
+
+
+def _changes(winners: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+    """Each change of the winner: the sample, who won before, who wins now; nobody left out."""
+    won = np.flatnonzero(winners >= 0)
+    steps = pairwise(won.tolist())
+    return [(t, int(winners[s]), int(winners[t])) for s, t in steps if winners[s] != winners[t]]
+
+
+def _by_phase(
+    changes: Sequence[Sequence[tuple[int, int, int]]], phases: Sequence[Sequence[str]]
+) -> dict[str, float]:
+    """Changes per episode in each phase, in the order in which the phases first come."""
+    counts = Counter(
+        shown[sample] for some, shown in zip(changes, phases, strict=True) for sample, *_ in some
+    )
+    order = dict.fromkeys(phase for shown in phases for phase in shown)
+    return _per_episode([(phase, counts[phase]) for phase in order], len(phases))
+
+
+def _per_episode(counts: Sequence[tuple[str, int]], episodes: int) -> dict[str, float]:
+    return {name: count / episodes for name, count in counts}
+
+
+def _mean(values: Any) -> float:
+    return float(np.mean(list(values)))

@@ -1,0 +1,1 @@
+"""Experiment 2: imitation by following walls."""

@@ -1,0 +1,108 @@
+"""What a run of Experiment 2 shows: the paper's figures from live data, films, a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from envs.arena import make_arena
+from envs.arena_scene import CONTROL_TIMESTEP
+from envs.wall_following import WallFollowingEnv
+from pacnet import PACNet
+from pacnet.evaluation.map_figures import percepts_on_components
+from pacnet.evaluation.pca import PrincipalComponents
+from train.common.video import write_gif, write_mp4
+from train.walls.episodes import Place, Recalling, act_alone, alone_seed
+from train.walls.figures import (
+    activations_over_time,
+    clusters_on_components,
+    conditions,
+    trajectory,
+)
+from train.walls.learning import FPS, Episode
+from train.walls.scores import SIDES, Summary, WallRun, name_clusters
+
+FILM_STEPS = 400
+FRAME_STEPS = 2  # steps from one frame of the film to the next
+PATH_STEPS = 2500  # of the run drawn as a path: more would cover itself
+WANTED = {
+    "recall": {"wf": 0.9, "tight": 0.8},
+    "recall in unseen arenas": {"wf": 0.85, "tight": 0.7},
+}
+
+
+def draw(
+    network: PACNet, episodes: Sequence[Episode], recalled: WallRun, arena: str | int
+) -> tuple[dict[str, Figure], dict[str, float | int]]:
+    """The paper's Figures 9a-c and the path, from live data, and what they show in numbers."""
+    percepts = np.concatenate([episode.percepts.numpy() for episode in episodes])
+    components = PrincipalComponents.fit(percepts)
+    variance = components.explained_variance_ratio
+    points = components.project(percepts)
+    times = np.concatenate([np.arange(len(e.percepts)) for e in episodes]) * CONTROL_TIMESTEP
+    prototypes = network.sofm.prototypes.numpy()
+    names = name_clusters(prototypes)
+    edges = network.sofm.edges.live("ends").numpy()
+    drawn = slice(PATH_STEPS)
+    walls = [obstacle.outline for obstacle in make_arena(arena).obstacles]
+    figures = {
+        "percepts": percepts_on_components(points, times, variance),
+        "map": clusters_on_components(
+            components.project(prototypes), edges, points, names, variance
+        ),
+        "activations": activations_over_time(recalled.winners, names, CONTROL_TIMESTEP),
+        "path": trajectory(
+            walls, recalled.poses[drawn], recalled.wall_side[drawn], recalled.commanded[drawn]
+        ),
+    }
+    scores = {
+        "nodes": len(names),
+        **{f"nodes_{name.replace(' ', '_')}": names.count(name) for name in SIDES},
+        "pca_variance_2": components.variance(2),
+    }
+    return figures, scores
+
+
+def film(network: PACNet, arena: str | int, seed: int, folder: Path) -> None:
+    """The beginning of a recall: `recall.mp4` from above beside the chase camera, `recall.gif`."""
+    frames: dict[str, list[NDArray[np.uint8]]] = {"top": [], "chase": []}
+    with tqdm(total=2 * FILM_STEPS, desc="filming", unit="step") as progress:
+        for camera, taken in frames.items():
+
+            def take(environment: WallFollowingEnv, taken: list = taken) -> None:
+                progress.update()
+                if progress.n % FRAME_STEPS == 0:
+                    taken.append(environment.render())
+
+            driver = Recalling(network, seed)
+            act_alone(driver, Place(arena), alone_seed(seed), FILM_STEPS, take, camera)
+    both = [np.hstack(pair) for pair in zip(*frames.values(), strict=True)]
+    rate = 4 * FPS / FRAME_STEPS  # four times as fast as the robot
+    write_mp4(both, folder / "recall.mp4", rate)
+    write_gif([frame[::2, ::2] for frame in both], folder / "recall.gif", rate)
+
+
+def draw_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> Figure:
+    """Bars of wf and tight of every condition."""
+    table = {
+        condition: {name: (scores[name]["mean"], scores[name]["std"]) for name in ("wf", "tight")}
+        for condition, scores in summary.items()
+    }
+    return conditions(table, WANTED)
+
+
+def print_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> None:
+    """The table of conditions."""
+    count = len(next(iter(summary.values()))["wf"]["values"])
+    print(f"\n{f'{count} replicate(s), mean ± std':28}{'wf':>15}{'tight':>15}{'energy':>15}")
+    for condition, scores in summary.items():
+        row = "".join(
+            f"{scores[name]['mean']:9.2f} ±{scores[name]['std']:5.2f}"
+            for name in ("wf", "tight", "energy")
+        )
+        print(f"{condition:28}{row}")

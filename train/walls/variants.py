@@ -1,0 +1,168 @@
+"""What one replicate of Experiment 2 learned, and variants of it that each lack one thing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor, nn
+
+from pacnet import (
+    Command,
+    ForwardModel,
+    MLPForwardModel,
+    PACNet,
+    TransitionMatrix,
+    TransitionMatrixConfig,
+)
+from train.walls.episodes import Transitions, wander
+from train.walls.learning import (
+    LESSON,
+    TRANSITIONS,
+    Episode,
+    fit,
+    follow_both_sides,
+    make_forward_model,
+    make_network,
+    teach,
+)
+
+FREE_SPEEDS = (0.0, 0.03, 0.06, 0.07)  # [m/s] of the candidates where the speed is free
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What one replicate learned and from what.
+
+    Attributes:
+        seed: of the replicate.
+        arena: where it learned.
+        wandering: from which the forward model was fitted.
+        episodes: of following.
+        network: taught, with the forward model.
+    """
+
+    seed: int
+    arena: str | int
+    wandering: Transitions
+    episodes: Sequence[Episode]
+    network: PACNet
+
+
+class Repeat(nn.Module):
+    """A forward model of nothing: the target is the action."""
+
+    action_dimensions = 2
+
+    def command(self, states: Tensor, targets: Tensor) -> Command:
+        """The targets themselves `[B, U]`."""
+        return Command(targets, torch.ones(len(states), dtype=torch.bool))
+
+    def reset(self) -> None:
+        """Does nothing."""
+
+
+def learn(seed: int, arena: str | int) -> Learned:
+    """Wanders, fits, follows and observes, without writing anything."""
+    wandering = wander(arena, TRANSITIONS, seed)
+    model = make_forward_model(seed)
+    fit(model, wandering, seed)
+    network = make_network(model)
+    episodes = follow_both_sides(arena, seed)
+    teach(network, episodes)
+    return Learned(seed, arena, wandering, episodes, network)
+
+
+def with_forward_model(learned: Learned, forward_model: ForwardModel) -> PACNet:
+    """The taught network with another forward model."""
+    network = deepcopy(learned.network)
+    network.forward_model = forward_model
+    return network
+
+
+def _with_targets(learned: Learned, change: Callable[[Tensor], Tensor]) -> PACNet:
+    """The taught network with other targets `[P, 6]` in the place of its own."""
+    network = deepcopy(learned.network)
+    every = [network.schemas.targets(node) for node in range(len(network.schemas))]  # views
+    changed = change(torch.cat(every)).split([len(targets) for targets in every])
+    for targets, others in zip(every, changed, strict=True):
+        targets.copy_(others)
+    return network
+
+
+def constant_target(learned: Learned) -> PACNet:
+    """Every target is the mean of all."""
+    return _with_targets(learned, lambda targets: targets.mean(dim=0).expand_as(targets))
+
+
+def shuffled_targets(learned: Learned) -> PACNet:
+    """Every node has the targets of another, of which each of its cues gets one by chance."""
+    network = deepcopy(learned.network)
+    own, schemas = learned.network.schemas, network.schemas
+    generator = torch.Generator().manual_seed(learned.seed)
+    nodes = own.lengths.nonzero().flatten()  # that have any
+    nodes = nodes[torch.randperm(len(nodes), generator=generator)]
+    for node, other in zip(nodes.tolist(), nodes.roll(1).tolist(), strict=True):
+        theirs, mine = own.targets(other), schemas.targets(node)  # views
+        mine.copy_(theirs[torch.randint(len(theirs), (len(mine),), generator=generator)])
+    return network
+
+
+def mean_action(learned: Learned) -> PACNet:
+    """Each node repeats the mean of the actions that the learner made where the node won."""
+    network = make_network(Repeat(), targets=2)
+    for episode in learned.episodes:
+        network.observe(episode.percepts, episode.actions, LESSON)
+    for node in range(len(network.schemas)):
+        actions = network.schemas.targets(node)  # a view
+        actions.copy_(actions.mean(dim=0).expand_as(actions))
+    return network.eval()
+
+
+def untrained(learned: Learned) -> MLPForwardModel:
+    """A forward model with random weights."""
+    return make_forward_model(learned.seed)
+
+
+def never_abstaining(learned: Learned) -> MLPForwardModel:
+    """The fitted forward model, acting however alike its predictions are."""
+    fitted = _forward_model(learned)
+    model = MLPForwardModel(replace(fitted.config, abstain_below=0.0))
+    model.load_state_dict(fitted.state_dict())
+    return model
+
+
+def speed_free(learned: Learned) -> MLPForwardModel:
+    """The fitted forward model, choosing the speed too."""
+    model = make_forward_model(learned.seed, FREE_SPEEDS)
+    model.load_state_dict(_forward_model(learned).state_dict())
+    return model
+
+
+def transition_matrix(learned: Learned) -> TransitionMatrix:
+    """The paper's own forward model, from the same transitions.
+
+    It has seven of the candidates, one of them straight: of more, each would have been tried too
+    seldom.
+    """
+    config = _forward_model(learned).config
+    model = TransitionMatrix(
+        TransitionMatrixConfig(
+            config.state_dimensions,
+            config.action_dimensions,
+            config.candidates[1::3],
+            steps=config.steps,
+            abstain_below=config.abstain_below,
+        )
+    )
+    percepts, actions = map(torch.from_numpy, learned.wandering)
+    model.fit(percepts[:-1], actions[:-1], percepts[1:], seed=learned.seed)
+    return model
+
+
+def _forward_model(learned: Learned) -> MLPForwardModel:
+    model = learned.network.forward_model
+    assert isinstance(model, MLPForwardModel)
+    return model
