@@ -37,7 +37,7 @@ shown = tuple(Demonstration(n, "wave", s, s[:, :0], a) for n, (s, a) in enumerat
 names = {{"observation.state": tuple("s%d" % n for n in range(28))}}
 names |= {{"action": tuple("a%d" % n for n in range(11))}}
 lessons = Demonstrations(50, names, shown)
-imitator = Imitator.untaught(lessons)
+imitator = Imitator.from_demonstrations(lessons)
 imitator.learn(lessons)
 for percept in wave[:3].numpy():
     imitator.step(percept)

@@ -62,7 +62,7 @@ def visits(network: PACNet, seed: int = 0) -> np.ndarray:
 def imitator(engine: Engine) -> tuple[Imitator, np.ndarray]:
     """A taught one, and another demonstration of the same, float32 `[LENGTH, DIMENSIONS]`."""
     lessons, shown = laps(SHOWN, LENGTH)
-    taught = Imitator.untaught(lessons, engine=engine)
+    taught = Imitator.from_demonstrations(lessons, engine=engine)
     taught.learn(lessons)
     return taught.eval(), shown
 

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 _PUBLIC = {  # folder -> the names that `pacnet` offers
     "attention": (
-        "NOBODY", "Attention", "HabituatingSOFM", "Observation", "SOFMConfig", "SOFMEnsemble",
+        "NO_NODE", "Attention", "HabituatingSOFM", "Observation", "SOFMConfig", "SOFMEnsemble",
         "Step",
     ),
     "competition": (
         "CompetingSchemas", "CompetingSchemasConfig", "Competition", "CompetitionConfig",
-        "Recognition", "RecognitionConfig",
+        "NO_SCHEMA",        "Recognition", "RecognitionConfig",
     ),
     "datasets": ("Recorder", "load_demonstrations"),
     "forward_models": (

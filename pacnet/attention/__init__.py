@@ -2,11 +2,11 @@
 
 from pacnet.attention.config import SOFMConfig
 from pacnet.attention.ensemble import SOFMEnsemble
-from pacnet.attention.records import NOBODY, Attention, Observation, Step
+from pacnet.attention.records import NO_NODE, Attention, Observation, Step
 from pacnet.attention.sofm import HabituatingSOFM
 
 __all__ = [
-    "NOBODY",
+    "NO_NODE",
     "Attention",
     "HabituatingSOFM",
     "Observation",

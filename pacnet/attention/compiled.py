@@ -18,14 +18,14 @@ from torch import Tensor
 from pacnet.attention import kernels as kernels
 from pacnet.attention.config import LARGEST_PERCEPT, SOFMConfig
 from pacnet.attention.kernel_rules import rules_of
-from pacnet.attention.records import Attention, Lesson, Observation, Step
+from pacnet.attention.records import Attention, MapUpdate, Observation, Step
 from pacnet.core.growable_rows import GrowableRows, check_storage
 from pacnet.kernels.threads import share_rows
 
 _WORK = 2**27  # multiplications between two chances for a Ctrl-C, some 20 ms
 _FEWEST_LISTED = 8  # edges of a node that a list has room for at least
 _LARGEST = np.float32(LARGEST_PERCEPT)
-_NOBODY = np.zeros(0, np.int64)
+_NO_NODE = np.zeros(0, np.int64)
 
 
 class MapState(NamedTuple):
@@ -84,7 +84,7 @@ class CompiledSOFM:
         """A copy looks up what it needs itself."""
         return CompiledSOFM, (self.config,)
 
-    def learn(self, state: MapState, percepts: NDArray[np.float32]) -> Lesson:
+    def learn(self, state: MapState, percepts: NDArray[np.float32]) -> MapUpdate:
         """Learns percepts in order of time, in place.
 
         Args:
@@ -187,7 +187,7 @@ class CompiledSOFM:
             state.edges.show(edges)
             self._hold(state)
         if status == kernels.DONE:
-            return done, _NOBODY
+            return done, _NO_NODE
         if status == kernels.LONELY:
             return done, np.sort(lonely[: lonely[-1]])
         if status == kernels.INVALID:
@@ -197,7 +197,7 @@ class CompiledSOFM:
             )
         if [nodes, edges] == before[: kernels.LISTED] and done == start:  # a list is full
             self._make_lists(len(self._lists), 2 * self._lists.shape[1])
-        return done, _NOBODY
+        return done, _NO_NODE
 
     def _arrays(self, state: MapState) -> tuple[NDArray[Any], ...]:
         """The map's columns with room for a node and two edges more, and its time, as arrays.
@@ -279,7 +279,7 @@ def array_of(tensor: Tensor) -> NDArray[Any]:
     return tensor.detach().contiguous().numpy()
 
 
-def _as_lesson(record: _Record, deleted: Tensor, gone: Tensor) -> Lesson:
+def _as_lesson(record: _Record, deleted: Tensor, gone: Tensor) -> MapUpdate:
     novelty, inserted, ignored, dishabituated, habituated = (
         torch.from_numpy((record.events & event) != 0)
         for event in (
@@ -298,4 +298,4 @@ def _as_lesson(record: _Record, deleted: Tensor, gone: Tensor) -> Lesson:
         dishabituated=dishabituated,
         deleted=deleted,
     )
-    return Lesson(observation, habituated, gone)
+    return MapUpdate(observation, habituated, gone)

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from pacnet.attention.config import SOFMConfig
-from pacnet.attention.records import NOBODY
+from pacnet.attention.records import NO_NODE
 
 _FLOAT, _INTEGER, _SWITCH = np.float32, np.int64, np.bool_
 
@@ -23,7 +23,7 @@ RULES = np.dtype(
         ("neighbour_rate", _FLOAT),
         ("winner_decay", _FLOAT),
         ("neighbour_decay", _FLOAT),
-        ("forgetting_interval", _INTEGER),  # NOBODY for never
+        ("forgetting_interval", _INTEGER),  # NO_NODE for never
         ("max_edge_age", _INTEGER),
         ("insert_only_when_habituated", _SWITCH),
         ("insert_at_percept", _SWITCH),
@@ -41,7 +41,7 @@ def rules_of(config: SOFMConfig) -> NDArray[np.void]:
     for name in RULES.names or ():
         if hasattr(config, name):
             value = getattr(config, name)
-            rules[name] = NOBODY if value is None else value
+            rules[name] = NO_NODE if value is None else value
     rules["novel_from"] = novel_from(config.novelty_threshold)
     rules["winner_decay"] = config.decay(config.winner_tau)
     rules["neighbour_decay"] = config.decay(config.neighbour_tau)

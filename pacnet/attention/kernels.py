@@ -26,7 +26,7 @@ NOVEL, INSERTED, IGNORED, DISHABITUATED, HABITUATED = 1, 2, 4, 8, 16
 # Why `learn` came back.
 DONE, NO_ROOM, LONELY, INVALID = 0, 1, 2, 3
 
-NOBODY = -1  # as in `pacnet.attention.records`; a literal here, so that it is compiled in
+NO_NODE = -1  # as in `pacnet.attention.records`; a literal here, so that it is compiled in
 NODES, EDGES, LISTED = 0, 1, 2  # places in `counts`
 NOT_LISTED = -1  # in the last one
 
@@ -55,11 +55,11 @@ def read_one(percept, scale, largest, prototype, nodes, novel_from, scaled):
     """
     fits = len(percept) == len(prototype) and nodes <= prototype.shape[1]
     if not fits or not scale_one(percept, scale, largest, scaled):
-        return False, NOBODY, NOBODY, np.float32(0), False
+        return False, NO_NODE, NO_NODE, np.float32(0), False
     distances, first = np.empty(nodes + 1, np.float32), np.int64(0)
     best, second = squared_distances(scaled, first, prototype, first, nodes, distances)
     distance = np.sqrt(distances[max(best, 0)])
-    novel = best == NOBODY or distance >= novel_from
+    novel = best == NO_NODE or distance >= novel_from
     return True, best, second, _activation(best, distance), novel
 
 
@@ -82,7 +82,7 @@ def read(percepts, prototype, nodes, novel_from, winner, runner_up, activation, 
         distance = np.sqrt(distances[max(best, 0)])
         winner[sample], runner_up[sample] = best, second
         activation[sample] = _activation(best, distance)
-        novelty[sample] = best == NOBODY or distance >= novel_from
+        novelty[sample] = best == NO_NODE or distance >= novel_from
 
 
 # One long function: to hand arrays on to others at each sample would take longer than to learn it,
@@ -137,24 +137,24 @@ def learn(  # noqa: C901
         if (
             nodes == room
             or counts[EDGES] + 2 > len(age)
-            or (best != NOBODY and max(degree[best], degree[max(second, 0)]) == lists.shape[1])
+            or (best != NO_NODE and max(degree[best], degree[max(second, 0)]) == lists.shape[1])
         ):
             _note_listed(here)
             return sample, NO_ROOM, counts[NODES], counts[EDGES]
         time[0] += 1
         winner[sample], runner_up[sample] = best, second
         activation[sample] = _activation(best, distance)
-        if best == NOBODY:
+        if best == NO_NODE:
             _add_node(percepts, sample, here, rule)
             events[sample] = NOVEL | INSERTED
             continue
         event = NOVEL if distance >= rule.novel_from else 0
 
         # Forgetting: an interval after it habituated, the winner responds again.
-        forgets = rule.forgetting_interval != NOBODY
+        forgets = rule.forgetting_interval != NO_NODE
         since = habituated_at[best]
-        if forgets and since != NOBODY and time[0] - since >= rule.forgetting_interval:
-            habituation[best], habituated_at[best] = rule.resting_habituation, NOBODY
+        if forgets and since != NO_NODE and time[0] - since >= rule.forgetting_interval:
+            habituation[best], habituated_at[best] = rule.resting_habituation, NO_NODE
             event |= DISHABITUATED
         habituated = habituation[best] < rule.habituated_below
 
@@ -173,7 +173,7 @@ def learn(  # noqa: C901
 
         # Case 2: a good match. Winner and neighbours move towards the percept and habituate.
         events[sample] = event
-        joined = second == NOBODY
+        joined = second == NO_NODE
         for place in range(degree[best]):
             edge = lists[best, place]
             if ends[edge, 0] + ends[edge, 1] - best == second:
@@ -190,8 +190,8 @@ def learn(  # noqa: C901
                 age[edge] += 1
                 stale |= age[edge] > rule.max_edge_age
                 since = habituated_at[node]
-                if forgets and since != NOBODY and time[0] - since >= rule.forgetting_interval:
-                    habituation[node], habituated_at[node] = rule.resting_habituation, NOBODY
+                if forgets and since != NO_NODE and time[0] - since >= rule.forgetting_interval:
+                    habituation[node], habituated_at[node] = rule.resting_habituation, NO_NODE
                 if rule.ignore_when_habituated and habituation[node] < rule.habituated_below:
                     continue
             # One firing of Stanley's equation, in closed form.
@@ -200,7 +200,7 @@ def learn(  # noqa: C901
                 prototype[d, node] += fraction * (percepts[sample, d] - prototype[d, node])
             floor = rule.floor_habituation
             habituation[node] = floor + (habituation[node] - floor) * decay
-            if habituation[node] < rule.habituated_below and habituated_at[node] == NOBODY:
+            if habituation[node] < rule.habituated_below and habituated_at[node] == NO_NODE:
                 habituated_at[node] = time[0]
         if stale:
             stale = False
@@ -224,7 +224,7 @@ def _fits_together(percepts, here):
 
 @njit
 def _activation(winner, distance):
-    return np.float32(0) if winner == NOBODY else np.float32(np.exp(-np.float64(distance)))
+    return np.float32(0) if winner == NO_NODE else np.float32(np.exp(-np.float64(distance)))
 
 
 @njit
@@ -236,10 +236,10 @@ def _insert(percepts, sample, winner, runner_up, here, rule):
     for d in range(percepts.shape[1]):
         middle = (here.prototype[d, winner] + percepts[sample, d]) / np.float32(2)
         here.prototype[d, node] = middle
-    if runner_up != NOBODY:
+    if runner_up != NO_NODE:
         _join(runner_up, node, here)
         edge = _edge_between(winner, runner_up, here)
-        if edge != NOBODY:
+        if edge != NO_NODE:
             _drop_edge(edge, here)
 
 
@@ -249,7 +249,7 @@ def _add_node(percepts, sample, here, rule):
     node = here.counts[NODES]
     for d in range(percepts.shape[1]):
         here.prototype[d, node] = percepts[sample, d]
-    here.habituation[node], here.habituated_at[node] = rule.resting_habituation, NOBODY
+    here.habituation[node], here.habituated_at[node] = rule.resting_habituation, NO_NODE
     here.degree[node] = 0
     here.counts[NODES] = node + 1
     return node
@@ -258,10 +258,10 @@ def _add_node(percepts, sample, here, rule):
 @njit
 def _join(one, other, here):
     """Makes the edge between two nodes, or makes it young again."""
-    if other == NOBODY:
+    if other == NO_NODE:
         return
     edge = _edge_between(one, other, here)
-    if edge == NOBODY:
+    if edge == NO_NODE:
         edge = here.counts[EDGES]
         here.counts[EDGES] = edge + 1
         here.ends[edge, 0], here.ends[edge, 1] = min(one, other), max(one, other)
@@ -276,7 +276,7 @@ def _edge_between(one, other, here):
         edge = here.lists[one, place]
         if here.ends[edge, 0] + here.ends[edge, 1] - one == other:
             return edge
-    return NOBODY
+    return NO_NODE
 
 
 @njit

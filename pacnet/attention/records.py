@@ -8,17 +8,17 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-NOBODY = -1
-"""Stands for «no node»: the winner of an empty map, the runner-up of a map of one node."""
+NO_NODE = -1
+"""Stands for "no node": the winner of an empty map, the runner-up of a map of one node."""
 
 
 class Attention(NamedTuple):
     """What the map says of each percept. B percepts."""
 
     winner: Tensor
-    """Nearest node, int64 `[B]`, or `NOBODY`."""
+    """Nearest node, int64 `[B]`, or `NO_NODE`."""
     runner_up: Tensor
-    """Second nearest node, int64 `[B]`, or `NOBODY`."""
+    """Second nearest node, int64 `[B]`, or `NO_NODE`."""
     activation: Tensor
     """exp(−distance to the winner), `[B]`, in (0, 1]; 0 where the map is empty."""
     novelty: Tensor
@@ -29,9 +29,9 @@ class Observation(NamedTuple):
     """What the map said of each percept before it learned it, and what it then did. T percepts."""
 
     winner: Tensor
-    """Nearest node, int64 `[T]`, as numbered at that sample, or `NOBODY`."""
+    """Nearest node, int64 `[T]`, as numbered at that sample, or `NO_NODE`."""
     runner_up: Tensor
-    """Second nearest node, int64 `[T]`, as numbered at that sample, or `NOBODY`."""
+    """Second nearest node, int64 `[T]`, as numbered at that sample, or `NO_NODE`."""
     activation: Tensor
     """exp(−distance to the winner), `[T]`."""
     novelty: Tensor
@@ -73,7 +73,7 @@ class Step(NamedTuple):
     deleted: int
 
 
-class Lesson(NamedTuple):
+class MapUpdate(NamedTuple):
     """An observation, with what must be known by whoever keeps something of each node."""
 
     observation: Observation
@@ -98,7 +98,7 @@ class Lesson(NamedTuple):
                 start, first = last + 1, after
 
 
-def record(responses: list[Response]) -> Lesson:
+def record(responses: list[Response]) -> MapUpdate:
     """Joins the responses to T percepts into one record."""
     fields = zip(*(response.attention for response in responses), strict=True)
     attention = Attention(*(torch.cat(field) for field in fields))
@@ -115,14 +115,14 @@ def record(responses: list[Response]) -> Lesson:
             [0 if r.deleted is None else len(r.deleted) for r in responses], device=device
         ),
     )
-    return Lesson(
+    return MapUpdate(
         observation,
         habituated=torch.tensor([r.habituated for r in responses], device=device),
         gone=torch.cat(gone) if gone else torch.zeros(0, dtype=torch.int64, device=device),
     )
 
 
-def ignored(attention: Attention) -> Lesson:
+def ignored(attention: Attention) -> MapUpdate:
     """What a map that does not learn does with T percepts: nothing."""
     nothing = torch.zeros_like(attention.novelty)
     number = torch.zeros_like(attention.winner)
@@ -134,4 +134,4 @@ def ignored(attention: Attention) -> Lesson:
         dishabituated=nothing.clone(),
         deleted=number,
     )
-    return Lesson(observation, habituated=nothing.clone(), gone=number[:0].clone())
+    return MapUpdate(observation, habituated=nothing.clone(), gone=number[:0].clone())

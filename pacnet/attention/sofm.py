@@ -16,9 +16,9 @@ from torch import Tensor, nn
 
 from pacnet.attention.config import LARGEST_PERCEPT, SOFMConfig
 from pacnet.attention.records import (
-    NOBODY,
+    NO_NODE,
     Attention,
-    Lesson,
+    MapUpdate,
     Observation,
     Response,
     Step,
@@ -27,11 +27,11 @@ from pacnet.attention.records import (
 )
 from pacnet.attention.state_checks import map_holds
 from pacnet.core.drafts import Lock, adopt, draft_of, frozen, short_turns
-from pacnet.core.growable_rows import Column, GrowableRows, check_storage, hand_out_copies
+from pacnet.core.growable_rows import Column, GrowableRows, check_storage, copy_on_state_dict
 from pacnet.core.integrity import check_forms, check_holds, check_on_load
 from pacnet.core.validation import batch_of_array, check_form, check_rows
 from pacnet.kernels.engine import Engine, check_engine, check_row, runs_compiled
-from pacnet.schemas.sequences import array_of_rows
+from pacnet.schemas.sequences import as_array
 
 if TYPE_CHECKING:
     from pacnet.attention.compiled import CompiledSOFM, MapState
@@ -70,7 +70,7 @@ class HabituatingSOFM(nn.Module):
             {
                 "prototype": Column((config.dimensions,), torch.float32, by_dimension=True),
                 "habituation": Column((), torch.float32),
-                "habituated_at": Column((), torch.int64),  # [samples], NOBODY while it responds
+                "habituated_at": Column((), torch.int64),  # [samples], NO_NODE while it responds
             }
         )
         self.edges = GrowableRows(
@@ -84,7 +84,7 @@ class HabituatingSOFM(nn.Module):
             scale = torch.tensor(config.scale)
         self.register_buffer("scale", scale, persistent=False)
         self.register_buffer("time", torch.tensor(0))  # samples observed so far
-        hand_out_copies(self)
+        copy_on_state_dict(self)
         check_on_load(self)
 
     def __len__(self) -> int:
@@ -193,7 +193,7 @@ class HabituatingSOFM(nn.Module):
             scaled = self.scaled(batch_of_array(percept))
             reading = [field.item() for field in self.read(scaled)]
         step = Step._make((*reading, False, False, True, False, 0))  # it ignores what it reads
-        return step, array_of_rows(scaled[0])
+        return step, as_array(scaled[0])
 
     def compiled(self) -> CompiledSOFM | None:
         """The compiled engine, or None where the eager one runs.
@@ -260,7 +260,7 @@ class HabituatingSOFM(nn.Module):
             raise ValueError(f"expected scaled percepts within {wanted}, got {largest:g}")
         return scaled
 
-    def learn(self, percepts: Tensor) -> Lesson:
+    def learn(self, percepts: Tensor) -> MapUpdate:
         """Learns percepts `[T, D]` that `scaled` has checked, in place, without gradient.
 
         `observe` calls it on a draft; so does whoever else lets others read meanwhile.
@@ -337,7 +337,7 @@ class HabituatingSOFM(nn.Module):
         if compiled is not None and not (torch.is_grad_enabled() and percepts.requires_grad):
             return compiled.read(nodes, percepts)
         count = len(percepts)
-        nobody = torch.full((count,), NOBODY, device=percepts.device)
+        nobody = torch.full((count,), NO_NODE, device=percepts.device)
         if len(prototypes) == 0:
             nothing = percepts.new_zeros(count)
             return Attention(nobody, nobody.clone(), nothing, nothing < 1)
@@ -357,10 +357,10 @@ class HabituatingSOFM(nn.Module):
         """Dishabituates a node whose interval is over; only when it is touched does it matter."""
         interval = self.config.forgetting_interval
         since = int(self.nodes.live("habituated_at")[node])
-        if interval is None or since == NOBODY or int(self.time) - since < interval:
+        if interval is None or since == NO_NODE or int(self.time) - since < interval:
             return False
         self.nodes.live("habituation")[node] = self.config.resting_habituation
-        self.nodes.live("habituated_at")[node] = NOBODY
+        self.nodes.live("habituated_at")[node] = NO_NODE
         return True
 
     def _move_and_habituate(self, node: int, percept: Tensor, rate: float, tau: float) -> None:
@@ -376,7 +376,7 @@ class HabituatingSOFM(nn.Module):
         prototype += fraction * (percept - prototype)
         floor = self.config.floor_habituation
         habituation.copy_(floor + (habituation - floor) * self.config.decay(tau))
-        if self._is_habituated(node) and int(self.nodes.live("habituated_at")[node]) == NOBODY:
+        if self._is_habituated(node) and int(self.nodes.live("habituated_at")[node]) == NO_NODE:
             self.nodes.live("habituated_at")[node] = self.time
 
     def _insert(self, percept: Tensor, winner: int, runner_up: int) -> None:
@@ -387,14 +387,14 @@ class HabituatingSOFM(nn.Module):
             return
         node = self._add_node((self.nodes.live("prototype")[winner] + percept) / 2)
         self._join(node, winner)
-        if runner_up != NOBODY:
+        if runner_up != NO_NODE:
             self._join(node, runner_up)
-            self.edges.swap_out(self._edge(winner, runner_up))
+            self.edges.swap_remove(self._edge(winner, runner_up))
 
     def _add_node(self, prototype: Tensor) -> int:
         resting = self.config.resting_habituation
         return self.nodes.append(
-            {"prototype": prototype, "habituation": resting, "habituated_at": NOBODY}
+            {"prototype": prototype, "habituation": resting, "habituated_at": NO_NODE}
         )
 
     def _neighbours(self, node: int) -> list[int]:
@@ -410,7 +410,7 @@ class HabituatingSOFM(nn.Module):
 
     def _join(self, one: int, other: int) -> None:
         """Makes the edge between two nodes, or makes it young again."""
-        if other == NOBODY:
+        if other == NO_NODE:
             return
         edge = self._edge(one, other)
         if len(edge):
@@ -430,7 +430,7 @@ class HabituatingSOFM(nn.Module):
         if not bool(old.any()):
             return None
         candidates = ends[old].unique()  # sorted
-        self.edges.swap_out(old.nonzero().flatten())
+        self.edges.swap_remove(old.nonzero().flatten())
         lonely = candidates[~torch.isin(candidates, self.edges.live("ends"))]
         if len(lonely) == 0:
             return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from pacnet.attention.records import NOBODY
+from pacnet.attention.records import NO_NODE
 from pacnet.core.integrity import Checks, Tensors, distant
 from pacnet.core.validation import LONGEST
 
@@ -23,7 +23,7 @@ def map_holds(floor: float, tensors: Tensors) -> Checks:
         "finite prototypes, not too large": distant(tensors["nodes.prototype"]),
         "habituation between its floor and 1": ((habituation >= floor) & (habituation <= 1)).all(),
         "a time ≥ 0 that can go on": (time >= 0) & (time <= LONGEST),
-        "habituated_at in the past": ((since >= NOBODY) & (since <= time)).all(),
+        "habituated_at in the past": ((since >= NO_NODE) & (since <= time)).all(),
         "edges between nodes that exist": ((ends >= 0) & (ends < nodes)).all(),
         "edges with the lower node first": (ends[:, 0] < ends[:, 1]).all(),
         "one edge between two nodes": len(ends.unique(dim=0)) == len(ends),

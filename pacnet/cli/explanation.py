@@ -7,9 +7,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from pacnet.attention.records import NOBODY
 from pacnet.cli.reasons import reason_of
 from pacnet.competition.competing_schemas import CompetingSchemas
+from pacnet.competition.winner_take_all import NO_SCHEMA
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.imitator import Imitator, ImitatorStep
 
@@ -78,7 +78,7 @@ def _find(demonstrations: Demonstrations, episode: int, frame: int) -> Demonstra
 def _choice(imitator: Imitator, step: ImitatorStep) -> dict[str, Any]:
     """Which node won, which of its schemas, and which of the schema's targets."""
     decision = step.decision
-    commanded = decision.schema != NOBODY
+    commanded = decision.schema != NO_SCHEMA
     return {
         "winner": decision.winner,
         "activation": decision.activation,
@@ -103,7 +103,7 @@ def _named(names: tuple[str, ...], values: Any) -> dict[str, float] | None:
 def _origins(imitator: Imitator, step: ImitatorStep) -> list[dict[str, Any]]:
     """The frames of demonstrations that the target stands for."""
     schema, position = step.decision.schema, step.decision.position
-    if schema == NOBODY:
+    if schema == NO_SCHEMA:
         return []
     origins = []
     for origin in _competing(imitator).origins(schema, position):

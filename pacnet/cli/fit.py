@@ -14,7 +14,7 @@ from pacnet.cli.printing import counted, print_pairs, size_text
 
 if TYPE_CHECKING:
     from pacnet.datasets.demonstrations import Demonstrations
-    from pacnet.imitator.imitator import Imitator, Lesson
+    from pacnet.imitator.imitator import EpisodeReport, Imitator
 
 _MORE = """Every episode is watched once, in order, as it would be on the robot. Percepts are the
 state, followed by the environment state if the dataset has one; images are left alone. The map's
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> None:
     _check_usage(arguments)
     _check_out(arguments)
     from pacnet.cli.sources import checkpoint_folder
-    from pacnet.core.interrupts import interrupts_held_back
+    from pacnet.core.interrupts import defer_sigint
     from pacnet.kernels.threads import use_one_thread
 
     use_one_thread()
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> None:
     lessons = _learn(imitator, demonstrations, arguments.corrections)
     seconds = time.perf_counter() - began
     folder = checkpoint_folder(arguments.out)
-    with interrupts_held_back():
+    with defer_sigint():
         imitator.save_pretrained(folder)
     _report(imitator, lessons, seconds, folder)
     if not int(imitator.network.schemas.lengths.sum()):
@@ -136,10 +136,12 @@ def _prepare(arguments: argparse.Namespace) -> tuple[Imitator, Demonstrations]:
     if known is not None:
         return known, demonstrations
     targets, lead = arguments.targets or _TARGETS, arguments.lead or _LEAD
-    return Imitator.untaught(demonstrations, targets, lead), demonstrations
+    return Imitator.from_demonstrations(demonstrations, targets, lead), demonstrations
 
 
-def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool) -> list[Lesson]:
+def _learn(
+    imitator: Imitator, demonstrations: Demonstrations, corrections: bool
+) -> list[EpisodeReport]:
     from pacnet.cli.progress import frames_of, progress_bar
 
     frames = frames_of(demonstrations)
@@ -150,7 +152,7 @@ def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool
         return imitator.learn(demonstrations, advance, corrections=corrections)
 
 
-def _report(imitator: Imitator, lessons: list[Lesson], seconds: float, folder: Path) -> None:
+def _report(imitator: Imitator, lessons: list[EpisodeReport], seconds: float, folder: Path) -> None:
     print_lessons(lessons_of(imitator)[-len(lessons) :])
     print()
     frames, lengths = sum(lesson.frames for lesson in lessons), imitator.network.schemas.lengths

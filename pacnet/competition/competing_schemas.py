@@ -22,11 +22,11 @@ from pacnet.competition.recall import CompetingRecall
 from pacnet.competition.timeline import lay_out
 from pacnet.competition.winner_take_all import Competition, CompetitionConfig
 from pacnet.core.drafts import adopt, draft_of, frozen
-from pacnet.core.growable_rows import Column, GrowableRows, check_storage, hand_out_copies
+from pacnet.core.growable_rows import Column, GrowableRows, check_storage, copy_on_state_dict
 from pacnet.core.integrity import check_forms, check_holds, check_on_load, within
 from pacnet.core.validation import (
     batch_of_one,
-    check_distant,
+    check_bounded,
     check_number,
     check_numbers,
     is_integer,
@@ -38,8 +38,8 @@ from pacnet.schemas.sequences import (
     RecalledRow,
     Samples,
     Sequences,
-    array_of_rows,
-    close_gaps,
+    as_array,
+    compact,
 )
 from pacnet.schemas.state_checks import OPEN, episodes_hold, sequences_hold
 from pacnet.schemas.visits import take_in
@@ -97,7 +97,7 @@ class CompetingSchemas(Sequences):
         self.behaviours: list[str] = []  # names, in the order in which they were first shown
         self.register_buffer("nodes", torch.tensor(0))
         self.register_load_state_dict_post_hook(_start_afresh)
-        hand_out_copies(self)
+        copy_on_state_dict(self)
         check_on_load(self)
         self._changed()
 
@@ -322,7 +322,7 @@ class CompetingSchemas(Sequences):
         """What is expected when, in each of the known episodes; None if there is none."""
         if self._timeline is None and len(self.passes) > 0:
             self.check()
-            close_gaps(self)  # else saving would, and the timeline's rows would be others
+            compact(self)  # else saving would, and the timeline's rows would be others
             self._timeline = lay_out(self, self.config.recognition.places)
         return self._timeline
 
@@ -354,7 +354,7 @@ class CompetingSchemas(Sequences):
         """The schemas of a node that competed for a percept, after its `recall`; changes nothing.
 
         Args:
-            node: the winner, or `NOBODY`.
+            node: the winner, or `NO_NODE`.
             percept: `[D]`, scaled; the one that was recalled last.
 
         Returns:
@@ -367,8 +367,8 @@ class CompetingSchemas(Sequences):
         if self._recall is None or not self._recall.belief.has_begun:
             raise ValueError("expected a percept that was recalled, got none since reset")
         node = self._check_winner(node)
-        check_distant("percept", batch_of_one(percept), *self._like_a_cue())
-        return self._recall.rivals(node, array_of_rows(percept))
+        check_bounded("percept", batch_of_one(percept), *self._like_a_cue())
+        return self._recall.rivals(node, as_array(percept))
 
     def origins(self, schema: int, position: int) -> list[Origin]:
         """The moments of demonstrations that a recalled target stands for.

@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pacnet.attention.records import NOBODY
 from pacnet.competition.belief import Timeline
+from pacnet.competition.winner_take_all import NO_SCHEMA
 
 OUT_OF_REACH = -1.0  # a confidence under every threshold
 
@@ -45,10 +45,10 @@ class NodeSchemas:
         starts, lengths = schemas.blocks.live("start")[numbers], schemas.lengths[numbers]
         # The first row of each schema and the one behind its last, [K, 2].
         self._spans = torch.stack([starts, starts + lengths], dim=1).numpy(force=True)
-        place = torch.full((len(schemas.blocks),), NOBODY, device=numbers.device)
+        place = torch.full((len(schemas.blocks),), NO_SCHEMA, device=numbers.device)
         place[numbers] = torch.arange(len(numbers), device=numbers.device)
         schema = place[schemas.passes.live("schema")]
-        passes = (schema != NOBODY).nonzero().flatten()
+        passes = (schema != NO_SCHEMA).nonzero().flatten()
         schema = schema[passes]
         first, last = _places(schemas, passes, timeline)
         # The first and the last place of each pass, and the schema that it passes, [N, 3].
@@ -59,16 +59,16 @@ class NodeSchemas:
         part = copy.copy(self)
         part.numbers, part._reach = [self.numbers[place] for place in places.tolist()], math.inf
         part._spans = np.ascontiguousarray(self._spans[places])
-        place = np.full(len(self.numbers), NOBODY)
+        place = np.full(len(self.numbers), NO_SCHEMA)
         place[places] = np.arange(len(places))
         schema = place[self._passes[:, 2]]
-        part._passes = np.ascontiguousarray(self._passes[schema != NOBODY])
-        part._passes[:, 2] = schema[schema != NOBODY]
+        part._passes = np.ascontiguousarray(self._passes[schema != NO_SCHEMA])
+        part._passes[:, 2] = schema[schema != NO_SCHEMA]
         return part
 
     def place_of(self, schema: int) -> int:
-        """The place of a schema among the node's own; `NOBODY` where it is none of them."""
-        return self.numbers.index(schema) if schema in self.numbers else NOBODY
+        """The place of a schema among the node's own; `NO_SCHEMA` where it is none of them."""
+        return self.numbers.index(schema) if schema in self.numbers else NO_SCHEMA
 
     def rows_of(self, place: int) -> slice:
         """The rows of the pool of the schema at this place."""

@@ -13,7 +13,7 @@ from pacnet.kernels.engine import announce_compilation
 
 announce_compilation()
 
-_NOBODY = -1  # as in `pacnet.attention.records`; a literal here, so that it is compiled in
+_NO_NODE = -1  # as in `pacnet.attention.records`; a literal here, so that it is compiled in
 
 
 @njit(cache=True)
@@ -38,7 +38,7 @@ def recall(  # noqa: C901 - checks and loops, none of them deep
     """
     longest = 0
     for node in nodes:
-        if node != _NOBODY:
+        if node != _NO_NODE:
             if not 0 <= node < len(length):
                 return False
             longest = max(longest, length[node])
@@ -47,8 +47,8 @@ def recall(  # noqa: C901 - checks and loops, none of them deep
         return False
     distances = np.empty(longest, cue.dtype)
     for sample in range(len(nodes)):
-        node, positions[sample] = nodes[sample], _NOBODY
-        if node == _NOBODY or length[node] == 0:
+        node, positions[sample] = nodes[sample], _NO_NODE
+        if node == _NO_NODE or length[node] == 0:
             continue
         first, count = start[node], length[node]
         if not (0 <= first <= first + count <= rows):

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pacnet.attention.records import NOBODY
+from pacnet.attention.records import NO_NODE
 from pacnet.competition.belief import Belief, Timeline
 from pacnet.competition.confidences import NodeSchemas
 from pacnet.competition.explanation import Rival, rivals_of
@@ -52,7 +52,7 @@ class CompetingRecall:
     def reset(self) -> None:
         """Starts a new episode."""
         self.belief = Belief(self.timeline, self.schemas.config.recognition)
-        self.incumbent = NOBODY  # schema that won the competition last
+        self.incumbent = NO_NODE  # schema that won the competition last
 
     def distances(self, percept: NDArray[np.floating]) -> NDArray[np.floating]:
         """Of a percept, scaled, `[D]`, from every cue of the pool, `[R]`."""
@@ -74,7 +74,7 @@ class CompetingRecall:
 
     def rivals(self, node: int, percept: NDArray[np.floating]) -> list[Rival]:
         """See `CompetingSchemas.rivals`."""
-        if node == NOBODY:
+        if node == NO_NODE:
             return []
         seen = self.distances(percept), self.belief.probability
         here, least = self._at_node(node), self.schemas.config.threshold
@@ -89,21 +89,21 @@ class CompetingRecall:
         """Lets schemas compete, the winner's own or else all that know the percept.
 
         Args:
-            node: the winner, or `NOBODY`.
+            node: the winner, or `NO_NODE`.
             distances: of the percept from every cue of the pool, `[R]`.
 
         Returns:
             The rows of the pool of the schema that wins, the incumbent from now on; None without.
         """
-        if node == NOBODY:
+        if node == NO_NODE:
             return None
         for here in self._in_turn(node):
             confidences = here.confidences(distances, self.belief.probability)
             winner = self.schemas.competition.winner(confidences, here.place_of(self.incumbent))
-            if winner != NOBODY:
+            if winner != NO_NODE:
                 self.incumbent = here.numbers[winner]
                 return here.rows_of(winner)
-        self.incumbent = NOBODY
+        self.incumbent = NO_NODE
         return None
 
     def _in_turn(self, node: int) -> Iterator[NodeSchemas]:

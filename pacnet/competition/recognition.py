@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet.competition.competing_schemas import CompetingSchemas
-from pacnet.schemas.sequences import array_of_rows
+from pacnet.schemas.sequences import as_array
 
 _BIAS_RATE = 0.2  # per sample, at which the difference from the known episodes is followed
 
@@ -39,7 +39,7 @@ class Recognition(NamedTuple):
     is_novel: Tensor
     """Whether the novelty is over `RecognitionConfig.novel_above`, bool `[T]`."""
     winner: Tensor
-    """Node of the map, int64 `[T]`, or `NOBODY` where the match is not good enough."""
+    """Node of the map, int64 `[T]`, or `NO_NODE` where the match is not good enough."""
 
 
 class Understanding(NamedTuple):
@@ -76,7 +76,7 @@ class Watcher:
         episodes = recall.schemas.episodes
         self._behaviours = len(schemas.behaviours)
         self._kinds = episodes.live("behaviour").cpu()[known].numpy()  # [E]
-        self._last = array_of_rows(episodes.live("last_cue").cpu()[known])  # [E, D]
+        self._last = as_array(episodes.live("last_cue").cpu()[known])  # [E, D]
         self._bias = np.zeros(self._last.shape[1], self._last.dtype)
         self.novel_above = schemas.config.recognition.novel_above
 

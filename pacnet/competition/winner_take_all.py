@@ -15,8 +15,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention.records import NOBODY
 from pacnet.core.validation import check_fields, check_rows, is_number
+
+NO_SCHEMA = -1
+"""Stands for "no schema": the winner where no schema competes."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class Competition(nn.Module):
 
     The rules, in this order:
 
-    1. A schema competes if its confidence is at least `threshold`. Where none competes, `NOBODY`
+    1. A schema competes if its confidence is at least `threshold`. Where none competes, `NO_SCHEMA`
        wins.
     2. With a margin, an incumbent that competes stays, unless the confidence of the most confident
        schema is greater than its own plus `margin`. One that no longer competes counts for nothing.
@@ -79,21 +81,21 @@ class Competition(nn.Module):
 
         Args:
             confidences: `[B, S]`; S may be 0.
-            incumbents: who won before, int64 `[B]`, `NOBODY` for nobody; nobody if left out.
+            incumbents: who won before, int64 `[B]`, `NO_SCHEMA` for nobody; nobody if left out.
 
         Returns:
-            The winners, int64 `[B]`; `NOBODY` where none competes.
+            The winners, int64 `[B]`; `NO_SCHEMA` where none competes.
 
         Raises:
             ValueError: confidences that are no finite floating-point `[B ≥ 1, S]`, or incumbents
-                that are not one `NOBODY` or number under S each.
+                that are not one `NO_SCHEMA` or number under S each.
         """
         _check_confidences(confidences)
         if incumbents is not None:
             _check_incumbents(incumbents, confidences)
         return self._winners(confidences, incumbents)
 
-    def winner(self, confidences: NDArray[np.floating[Any]], incumbent: int = NOBODY) -> int:
+    def winner(self, confidences: NDArray[np.floating[Any]], incumbent: int = NO_SCHEMA) -> int:
         """One competition, for a control loop: nothing is checked.
 
         Args:
@@ -101,21 +103,21 @@ class Competition(nn.Module):
             incumbent: who won before.
 
         Returns:
-            The winner, or `NOBODY`.
+            The winner, or `NO_SCHEMA`.
         """
         number = confidences.dtype.type  # rounded as torch rounds a number beside a tensor
         threshold, margin = number(self.config.threshold), number(self.config.margin)
         winner = int(confidences.argmax())
         highest = confidences[winner]
-        if margin > 0 and incumbent not in (NOBODY, winner):
+        if margin > 0 and incumbent not in (NO_SCHEMA, winner):
             own = confidences[incumbent]
             if own >= threshold and highest <= own + margin:
                 return incumbent
-        return winner if highest >= threshold else NOBODY
+        return winner if highest >= threshold else NO_SCHEMA
 
     @torch.no_grad()
-    def over_time(self, confidences: Tensor, incumbent: int = NOBODY) -> Tensor:
-        """One competition along time: each winner, or `NOBODY`, is the next one's incumbent.
+    def over_time(self, confidences: Tensor, incumbent: int = NO_SCHEMA) -> Tensor:
+        """One competition along time: each winner, or `NO_SCHEMA`, is the next one's incumbent.
 
         Args:
             confidences: `[T, S]`, in order of time; S may be 0.
@@ -125,7 +127,7 @@ class Competition(nn.Module):
             The winners, int64 `[T]`.
 
         Raises:
-            ValueError: confidences as in `forward`; an incumbent that is no `NOBODY` or number
+            ValueError: confidences as in `forward`; an incumbent that is no `NO_SCHEMA` or number
                 under S.
         """
         _check_confidences(confidences)
@@ -142,14 +144,14 @@ class Competition(nn.Module):
     def _winners(self, confidences: Tensor, incumbents: Tensor | None) -> Tensor:
         """`forward` for checked input."""
         if confidences.shape[1] == 0:
-            return confidences.new_full((len(confidences),), NOBODY, dtype=torch.int64)
+            return confidences.new_full((len(confidences),), NO_SCHEMA, dtype=torch.int64)
         highest, winners = confidences.amax(dim=1), confidences.argmax(dim=1)  # [B]
         if incumbents is not None and self.config.margin > 0:
             own = confidences.gather(1, incumbents.clamp(min=0)[:, None])[:, 0]  # [B]
-            competes = (incumbents != NOBODY) & (own >= self.config.threshold)
+            competes = (incumbents != NO_SCHEMA) & (own >= self.config.threshold)
             stays = competes & (highest <= own + self.config.margin)
             winners = incumbents.where(stays, winners)
-        return winners.where(highest >= self.config.threshold, NOBODY)
+        return winners.where(highest >= self.config.threshold, NO_SCHEMA)
 
 
 def _check_confidences(confidences: Tensor) -> None:
@@ -161,7 +163,7 @@ def _check_confidences(confidences: Tensor) -> None:
 
 
 def _check_incumbents(incumbents: Tensor, confidences: Tensor) -> None:
-    """A ValueError for anything but one `NOBODY` or number of a schema for each row."""
+    """A ValueError for anything but one `NO_SCHEMA` or number of a schema for each row."""
     rows, schemas = confidences.shape
     wanted = f"expected incumbents as an int64 tensor of shape [{rows}] on {confidences.device}"
     if not isinstance(incumbents, Tensor):
@@ -170,7 +172,7 @@ def _check_incumbents(incumbents: Tensor, confidences: Tensor) -> None:
         raise ValueError(f"{wanted}, got {incumbents.dtype} of shape {list(incumbents.shape)}")
     if incumbents.device != confidences.device:
         raise ValueError(f"{wanted}, got one on {incumbents.device}")
-    if bool(((incumbents < NOBODY) | (incumbents >= schemas)).any()):
+    if bool(((incumbents < NO_SCHEMA) | (incumbents >= schemas)).any()):
         raise ValueError(
-            f"expected incumbents from {NOBODY} to {schemas - 1}, got {incumbents.tolist()}"
+            f"expected incumbents from {NO_SCHEMA} to {schemas - 1}, got {incumbents.tolist()}"
         )

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from pacnet.core.growable_rows import GrowableRows, check_storage
-from pacnet.core.interrupts import interrupts_held_back
+from pacnet.core.interrupts import defer_sigint
 
 _Module = TypeVar("_Module", bound=nn.Module)
 _CACHE = "_cache"  # attribute that holds what was worked out from a module's own tensors
@@ -94,7 +94,7 @@ def adopt(module: nn.Module, draft: nn.Module) -> None:
     The modules stay the same, and in the mode and with the config that they have got meanwhile.
     A Ctrl-C waits.
     """
-    with interrupts_held_back():
+    with defer_sigint():
         _adopt(module, draft)
 
 

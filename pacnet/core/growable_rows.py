@@ -48,7 +48,7 @@ def check_storage(name: str, tensor: Tensor) -> Tensor:
     return tensor
 
 
-def hand_out_copies(module: nn.Module) -> None:
+def copy_on_state_dict(module: nn.Module) -> None:
     """Has `state_dict` copy the module's own buffers, which it changes in place."""
     module.register_state_dict_post_hook(_copy_buffers)
 
@@ -81,7 +81,7 @@ class GrowableRows(nn.Module):
         self._memory: dict[str, Tensor] = {}  # of which each buffer is the beginning
         for name, column in self.columns.items():
             self.register_buffer(name, torch.zeros(0, *column.shape, dtype=column.dtype))
-        hand_out_copies(self)  # else they would be parts of larger memory
+        copy_on_state_dict(self)  # else they would be parts of larger memory
         self.register_load_state_dict_pre_hook(_resize_to_loaded_rows)
 
     def __len__(self) -> int:
@@ -142,7 +142,7 @@ class GrowableRows(nn.Module):
         for name, memory in self._memory.items():
             self._buffers[name] = self._in_rows(name, memory)[:count]
 
-    def keep(self, rows: Tensor) -> None:
+    def select(self, rows: Tensor) -> None:
         """Keeps the rows with these numbers, in this order, and drops all others.
 
         They move to other memory: who reads the old rows meanwhile reads them unchanged.
@@ -159,7 +159,7 @@ class GrowableRows(nn.Module):
             self._memory = {name: self._laid_out(name, rows) for name, rows in kept.items()}
             self.show(len(rows))
 
-    def swap_out(self, rows: Tensor) -> None:
+    def swap_remove(self, rows: Tensor) -> None:
         """Deletes the rows with these numbers, int64 `[K]` ascending, where their order is free.
 
         From the highest number down, the row that is then the last takes each one's place.
@@ -168,13 +168,13 @@ class GrowableRows(nn.Module):
         for row in reversed(rows.tolist()):
             order[row] = order[-1]
             order.pop()
-        self.keep(rows.new_tensor(order))
+        self.select(rows.new_tensor(order))
 
     def delete(self, rows: Tensor) -> None:
         """Deletes the rows with these numbers, int64 `[K]`; the later ones move down."""
         alive = torch.ones(len(self), dtype=torch.bool, device=rows.device)
         alive[rows] = False
-        self.keep(alive.nonzero().flatten())
+        self.select(alive.nonzero().flatten())
 
     def check(self) -> None:
         """Checks what a user may have done to the buffers, before anything relies on them.

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def interrupts_held_back() -> Iterator[None]:
+def defer_sigint() -> Iterator[None]:
     """Delivers a Ctrl-C only after the block, so that nothing is left half done."""
     if threading.current_thread() is not threading.main_thread():
         yield  # Python raises KeyboardInterrupt in the main thread alone

@@ -56,7 +56,7 @@ def check_rows(name: str, value: object, columns: int, like: Tensor) -> Tensor:
     return value
 
 
-def check_distant(name: str, value: object, columns: int, like: Tensor) -> Tensor:
+def check_bounded(name: str, value: object, columns: int, like: Tensor) -> Tensor:
     """`check_rows` for rows whose distances are taken, which must not be too large to be finite.
 
     Raises:

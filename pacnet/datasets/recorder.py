@@ -14,7 +14,7 @@ from typing import Self, SupportsIndex
 
 from numpy.typing import ArrayLike
 
-from pacnet.core.interrupts import interrupts_held_back
+from pacnet.core.interrupts import defer_sigint
 from pacnet.datasets.format.features import Feature, checked_frames, checked_recording, is_text
 from pacnet.datasets.journal.episode_buffer import EpisodeBuffer
 from pacnet.datasets.journal.folding import check_ready, fold
@@ -99,7 +99,7 @@ class Recorder:
         if self._journal is not None:
             raise RuntimeError("expected the recorder's `with` block to be entered once at a time")
         try:
-            with interrupts_held_back():
+            with defer_sigint():
                 self._journal = Journal(self._root)
                 fold(self._journal)
                 check_ready(self._root, self._recording)
@@ -117,7 +117,7 @@ class Recorder:
         if journal.is_forked:
             self._close()
             return
-        with interrupts_held_back(), self._turn:
+        with defer_sigint(), self._turn:
             try:
                 fold(journal)
             finally:
@@ -168,7 +168,7 @@ class Recorder:
         if not is_text(task) or not task.strip():
             raise ValueError(f"expected the task in words, got {task!r}")
         given = None if frames is None else checked_frames(self._recording.features, frames)
-        with interrupts_held_back(), self._turn:
+        with defer_sigint(), self._turn:
             if given is not None and len(self._added):
                 raise ValueError(
                     f"expected no frames, as {len(self._added)} were added: save them first, or "
@@ -210,5 +210,5 @@ def recover(root: str | Path) -> int:
     root = Path(root).absolute()
     if not has_journal(root):
         return 0
-    with interrupts_held_back(), Journal(root) as journal:
+    with defer_sigint(), Journal(root) as journal:
         return fold(journal)

@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.core.interrupts import interrupts_held_back
+from pacnet.core.interrupts import defer_sigint
 from pacnet.core.validation import check_fields, check_rows, is_integer
 from pacnet.forward_models.candidates import (
     CandidateModel,
@@ -247,7 +247,7 @@ class MLPForwardModel(CandidateModel):
             )
             fitted, generator = MLPForwardModel(self.config), torch.Generator().manual_seed(seed)
             report = fitted._fit_afresh((before, actions), after - before, generator, progress)
-            with interrupts_held_back():
+            with defer_sigint():
                 self.load_state_dict(fitted.state_dict())
         return report
 

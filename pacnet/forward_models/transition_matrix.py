@@ -15,7 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from pacnet.core.interrupts import interrupts_held_back
+from pacnet.core.interrupts import defer_sigint
 from pacnet.core.validation import check_fields, check_rows, is_integer
 from pacnet.forward_models.candidates import (
     CandidateModel,
@@ -165,7 +165,7 @@ class TransitionMatrix(CandidateModel):
         counts = self._count(
             found.assignment, nearest(actions, candidates), nearest(after, found.centroids)
         )
-        with interrupts_held_back():
+        with defer_sigint():
             self.load_state_dict({"centroids": found.centroids, "counts": counts})
         tried = (counts.sum(dim=2) > 0).double().mean()
         return MatrixFitReport(found.iterations, found.distortion, float(tried))

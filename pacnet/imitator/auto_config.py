@@ -37,7 +37,7 @@ INDIFFERENT = 0.1  # spread of their outcomes, in shares of the usual change, th
 def choose_settings(
     demonstrations: Demonstrations, targets: Literal["action", "state"], lead: int
 ) -> ImitatorConfig:
-    """Settings for these demonstrations; see `Imitator.untaught`."""
+    """Settings for these demonstrations; see `Imitator.from_demonstrations`."""
     _check(demonstrations, targets, lead)
     scaling = noise_scaling([shown.percepts for shown in demonstrations])
     fps, dimensions = demonstrations.fps, len(scaling.scale)

@@ -15,7 +15,7 @@ from pacnet.network.config import PACNetConfig
 
 @dataclass(frozen=True)
 class ImitatorConfig:
-    """Settings of an `Imitator`; `Imitator.untaught` makes them from demonstrations.
+    """Settings of an `Imitator`; `Imitator.from_demonstrations` makes them from demonstrations.
 
     Attributes:
         percepts: feature -> names of its dimensions, in the order of the percept; the first

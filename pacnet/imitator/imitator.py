@@ -23,9 +23,9 @@ from torch import Tensor, nn
 from pacnet.attention.config import LARGEST_PERCEPT
 from pacnet.competition.competing_schemas import CompetingSchemas
 from pacnet.core.drafts import adopt, draft_of, frozen
-from pacnet.core.growable_rows import check_storage, hand_out_copies
+from pacnet.core.growable_rows import check_storage, copy_on_state_dict
 from pacnet.core.integrity import check_forms, check_holds, check_model, check_on_load, part_of
-from pacnet.core.interrupts import interrupts_held_back
+from pacnet.core.interrupts import defer_sigint
 from pacnet.core.model_checkpoint import check_finite, read_model, save_tensors
 from pacnet.core.validation import check_number
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
@@ -36,7 +36,7 @@ from pacnet.imitator.novelty import Familiarity
 from pacnet.kernels.engine import Engine, check_row
 from pacnet.network.acting import Acting
 from pacnet.network.network import FORWARD_MODEL, Decision, PACNet, check_dimensions
-from pacnet.schemas.sequences import array_of_rows, close_gaps
+from pacnet.schemas.sequences import as_array, compact
 from pacnet.schemas.targets import targets_ahead
 
 
@@ -45,7 +45,7 @@ def exactly() -> AbstractContextManager[object]:
     return torch.autocast("cpu", enabled=False)
 
 
-class Lesson(NamedTuple):
+class EpisodeReport(NamedTuple):
     """One demonstration, learned."""
 
     dataset: str
@@ -102,7 +102,7 @@ class _Known(NamedTuple):
 
 
 class Imitator(nn.Module):
-    """Imitation from demonstrations, one pass, on and on; see `untaught` for one to begin with.
+    """Learns from demonstrations, one after the other; `from_demonstrations` makes one.
 
     One thread may `step` while another learns: it acts on what was known before a demonstration, or
     on all that is known after it.
@@ -119,7 +119,7 @@ class Imitator(nn.Module):
         >>> shown = Demonstration(0, "wave", phase.sin(), torch.empty(200, 0), phase.cos())
         >>> names = {"observation.state": ("elbow",), "action": ("motor",)}
         >>> demonstrations = Demonstrations(50, names, (shown,), "waving")
-        >>> imitator = Imitator.untaught(demonstrations)
+        >>> imitator = Imitator.from_demonstrations(demonstrations)
         >>> [lesson.new_nodes for lesson in imitator.learn(demonstrations)]
         [2]
         >>> imitator.step(np.float32([0.5])).action.round(1)
@@ -136,14 +136,14 @@ class Imitator(nn.Module):
         model = None if config.forward_model is None else MLPForwardModel(config.forward_model)
         self.network = PACNet(config.network, model, engine)
         self.familiarity = Familiarity(config.network.attention.dimensions)
-        self.lessons: list[Lesson] = []
+        self.lessons: list[EpisodeReport] = []
         self.register_buffer("first_action", torch.zeros(len(config.action)))
         self._known: _Known | None = None
-        hand_out_copies(self)
+        copy_on_state_dict(self)
         check_on_load(self)
 
     @classmethod
-    def untaught(
+    def from_demonstrations(
         cls,
         demonstrations: Demonstrations,
         targets: Literal["action", "state"] = "action",
@@ -183,7 +183,7 @@ class Imitator(nn.Module):
         progress: Callable[[int], object] | None = None,
         *,
         corrections: bool = False,
-    ) -> list[Lesson]:
+    ) -> list[EpisodeReport]:
         """Learns each demonstration, in order, and goes on from what it knows.
 
         The map watches a demonstration first, so that its nodes have settled when its targets are
@@ -216,7 +216,7 @@ class Imitator(nn.Module):
                 self._fit(self.forward_model, demonstrations.episodes)
         lessons = []
         for shown in demonstrations:
-            with exactly(), interrupts_held_back():
+            with exactly(), defer_sigint():
                 lessons.append(self._learn_one(demonstrations.source, shown, corrections))
             if progress is not None:
                 progress(len(shown.state))
@@ -352,7 +352,7 @@ class Imitator(nn.Module):
         assert isinstance(schemas, CompetingSchemas)
         recall = schemas.recall_in_progress
         cues = schemas.arrays("cue") if recall is None else recall.cues
-        scale = array_of_rows(network.sofm.scale)
+        scale = as_array(network.sofm.scale)
         return _Known(network, frozen(self.familiarity), cues, scale)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -427,7 +427,7 @@ class Imitator(nn.Module):
             seed=0,
         )
 
-    def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> Lesson:
+    def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> EpisodeReport:
         """Learns on drafts, which then take the place of what was known, all at once."""
         with self.network.learning() as draft:  # from here on nobody else learns
             number, first_action = len(self.lessons), self.first_action
@@ -442,7 +442,7 @@ class Imitator(nn.Module):
             new, nodes = int(watched.inserted.sum()), len(draft.sofm)
             share = float(watched.novelty.float().mean())
             told = (dataset, index(shown.episode), shown.task, len(percepts))
-            lesson = Lesson(*told, new, nodes, share, unfamiliar, correction)
+            lesson = EpisodeReport(*told, new, nodes, share, unfamiliar, correction)
             with self.network.changing:
                 self.network.adopt(draft)
                 adopt(self.familiarity, familiarity)
@@ -462,16 +462,16 @@ def _compare(
     network: PACNet, familiarity: Familiarity, percepts: Tensor, number: int, correction: bool
 ) -> float | None:
     """How unfamiliar scaled percepts are before they are learned; what is usual is learned."""
-    close_gaps(network.schemas)  # else there would be rows that are nobody's cues
+    compact(network.schemas)  # else there would be rows that are nobody's cues
     cues = network.schemas.arrays("cue") if number > 0 else None
     novelty = familiarity.learn(percepts.numpy(), cues, correction=correction)
     return None if math.isnan(novelty) else novelty
 
 
-def _lessons(told: object) -> list[Lesson]:
+def _lessons(told: object) -> list[EpisodeReport]:
     """The lessons that a config tells of, as JSON has them."""
     try:
-        return [Lesson(**lesson) for lesson in told]  # pyright: ignore[reportGeneralTypeIssues]
+        return [EpisodeReport(**lesson) for lesson in told]  # pyright: ignore[reportGeneralTypeIssues]
     except TypeError as error:
         raise ValueError(f"expected the lessons of an Imitator, got others: {error}") from error
 

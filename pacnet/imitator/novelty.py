@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.core.growable_rows import Column, GrowableRows, check_storage, hand_out_copies
+from pacnet.core.growable_rows import Column, GrowableRows, check_storage, copy_on_state_dict
 from pacnet.core.integrity import check_forms, check_holds, check_on_load
 from pacnet.core.validation import LARGEST, is_integer
 
@@ -78,7 +78,7 @@ class Familiarity(nn.Module):
         self.episodes = GrowableRows({"deviation": Column((dimensions,), torch.float32)})
         self.register_buffer("usual", torch.full((dimensions,), _LEAST))  # scaled
         self._deviation = np.zeros(dimensions, np.float32)  # of a recall episode
-        hand_out_copies(self)
+        copy_on_state_dict(self)
         check_on_load(self)
 
     @property

@@ -12,7 +12,7 @@ from pacnet.competition.competing_schemas import CompetingSchemas
 from pacnet.competition.recognition import Watcher
 from pacnet.core.drafts import Tensors, frozen
 from pacnet.schemas.motor_schemas import MotorSchemas
-from pacnet.schemas.sequences import close_gaps
+from pacnet.schemas.sequences import compact
 
 if TYPE_CHECKING:
     from pacnet.attention.sofm import HabituatingSOFM
@@ -49,7 +49,7 @@ class Acting:
     def __init__(self, sofm: HabituatingSOFM, schemas: MotorSchemas | CompetingSchemas) -> None:
         check_nodes(sofm, schemas)
         schemas.check()
-        close_gaps(schemas)
+        compact(schemas)
         self.sofm, self.schemas = frozen(sofm), frozen(schemas)
         if isinstance(self.schemas, CompetingSchemas) and isinstance(schemas, CompetingSchemas):
             self.schemas.share_recall(schemas)

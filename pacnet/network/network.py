@@ -18,23 +18,23 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention.records import NOBODY, Attention, Lesson, Observation, ignored
+from pacnet.attention.records import NO_NODE, Attention, MapUpdate, Observation, ignored
 from pacnet.attention.sofm import HabituatingSOFM
 from pacnet.competition.competing_schemas import CompetingSchemas
 from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.competition.recognition import Recognition
 from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.core.drafts import Lock, adopt, draft_of, short_turns
-from pacnet.core.growable_rows import check_storage, hand_out_copies
+from pacnet.core.growable_rows import check_storage, copy_on_state_dict
 from pacnet.core.integrity import check_forms, check_holds, check_model, check_on_load, part_of
-from pacnet.core.interrupts import interrupts_held_back
-from pacnet.core.validation import batch_of_array, check_distant, check_rows
+from pacnet.core.interrupts import defer_sigint
+from pacnet.core.validation import batch_of_array, check_bounded, check_rows
 from pacnet.forward_models.protocol import ForwardModel, OneStateForwardModel
 from pacnet.kernels.engine import Engine
 from pacnet.network.acting import Acting, check_nodes
 from pacnet.network.config import PACNetConfig
 from pacnet.schemas.motor_schemas import NO_EPISODE, MotorSchemas, MotorSchemasConfig
-from pacnet.schemas.sequences import Samples, array_of_rows
+from pacnet.schemas.sequences import Samples, as_array
 
 FORWARD_MODEL = "forward_model."
 _LAST_EPISODE = 2**63 - 1  # that an int64 holds
@@ -48,7 +48,7 @@ class Recall(NamedTuple):
     commanded: Tensor
     """Whether there is a target, bool `[T]`: the match is good and the winner has a schema."""
     winner: Tensor
-    """Nearest node, int64 `[T]`, or `NOBODY`."""
+    """Nearest node, int64 `[T]`, or `NO_NODE`."""
     activation: Tensor
     """exp(−distance to the winner), `[T]`."""
     novelty: Tensor
@@ -56,7 +56,7 @@ class Recall(NamedTuple):
     position: Tensor
     """Place of the target in its schema, int64 `[T]`; −1 where nothing is commanded."""
     schema: Tensor
-    """Number of the schema it is from, int64 `[T]`, or `NOBODY`. With one a node, the winner."""
+    """Number of the schema it is from, int64 `[T]`, or `NO_NODE`. With one a node, the winner."""
 
 
 class Action(NamedTuple):
@@ -83,7 +83,7 @@ class Decision(NamedTuple):
     target: NDArray[np.float32] | None
     """The motor target, `[A]`; None where nothing is commanded."""
     winner: int
-    """Nearest node, or `NOBODY`."""
+    """Nearest node, or `NO_NODE`."""
     activation: float
     """exp(−distance to the winner)."""
     novelty: bool
@@ -91,7 +91,7 @@ class Decision(NamedTuple):
     position: int
     """Place of the target in its schema; −1 where nothing is commanded."""
     schema: int
-    """Number of the schema it is from, or `NOBODY`."""
+    """Number of the schema it is from, or `NO_NODE`."""
 
 
 class PACNet(nn.Module):
@@ -143,7 +143,7 @@ class PACNet(nn.Module):
         self._learning, self.changing = Lock(), Lock()  # the second for no longer than a moment
         self.acting: Acting | None = None  # what the recall episode in progress works on
         self.register_buffer("episode", torch.tensor(NO_EPISODE))  # the last one observed
-        hand_out_copies(self)
+        copy_on_state_dict(self)
         check_on_load(self)
 
     @property
@@ -207,7 +207,7 @@ class PACNet(nn.Module):
     def _learn(self, *lesson: Any) -> Observation:
         with self.learning() as draft:
             observation = draft.learn_checked(*lesson)
-            with interrupts_held_back(), self.changing:
+            with defer_sigint(), self.changing:
                 self.adopt(draft)
         return observation
 
@@ -270,28 +270,30 @@ class PACNet(nn.Module):
             if isinstance(self.schemas, CompetingSchemas):
                 self.schemas.begin_checked(episode, behaviour)
             self.episode.fill_(episode)
-        lesson = self.sofm.learn(percepts)
-        self._keep(lesson, percepts, targets, episode)
-        return lesson.observation
+        update = self.sofm.learn(percepts)
+        self._add_samples(update, percepts, targets, episode)
+        return update.observation
 
-    def _keep(self, lesson: Lesson, percepts: Tensor, targets: Tensor | None, episode: int) -> None:
+    def _add_samples(
+        self, update: MapUpdate, percepts: Tensor, targets: Tensor | None, episode: int
+    ) -> None:
         """Takes the motor schemas, which do not influence the map, to where the map is.
 
         Args:
-            lesson: what the map did.
+            update: what the map did.
             percepts: `[T, D]`, scaled.
             targets: `[T, A]`; None where none are to be kept.
             episode: number of the learning episode.
         """
-        observed = lesson.observation
-        for part, gone in lesson.between_deletions():
+        observed = update.observation
+        for part, gone in update.between_deletions():
             for _ in range(int(observed.inserted[part].sum())):
                 self.schemas.add_node()
             if targets is not None:
                 samples = Samples(
                     node=observed.winner[part],
                     activation=observed.activation[part],
-                    habituated=lesson.habituated[part],
+                    habituated=update.habituated[part],
                     target=targets[part],
                     cue=percepts[part],
                 )
@@ -315,10 +317,10 @@ class PACNet(nn.Module):
         """
         percepts, acting = self.sofm.scaled(percepts), self.now()
         attention = acting.sofm.read(percepts)
-        matching = torch.where(attention.novelty, NOBODY, attention.winner)
+        matching = torch.where(attention.novelty, NO_NODE, attention.winner)
         targets, position, schema = acting.schemas.recall_samples(matching, percepts)
         return Recall(
-            targets, position != NOBODY, attention.winner, attention.activation,
+            targets, position != NO_NODE, attention.winner, attention.activation,
             attention.novelty, position, schema,
         )  # fmt: skip
 
@@ -350,9 +352,9 @@ class PACNet(nn.Module):
     ) -> Decision:
         """`step` of a recall episode that `now` gave."""
         seen, scaled = acting.sofm.look(percept)
-        recalled = acting.schemas.recall_checked(NOBODY if seen.novelty else seen.winner, scaled)
+        recalled = acting.schemas.recall_checked(NO_NODE if seen.novelty else seen.winner, scaled)
         if recalled is None:
-            return Decision(None, None, seen.winner, seen.activation, seen.novelty, -1, NOBODY)
+            return Decision(None, None, seen.winner, seen.activation, seen.novelty, -1, NO_NODE)
         target, position, schema = recalled
         action = self._command_one(percept if state is None else state, target)
         return Decision(
@@ -391,7 +393,7 @@ class PACNet(nn.Module):
         scaled, acting = self.sofm.scaled(percepts), self.now()
         watcher = acting.watcher()
         attention = acting.sofm.read(scaled)
-        rows = map(watcher.see, array_of_rows(scaled))
+        rows = map(watcher.see, as_array(scaled))
         understood = (np.stack(column) for column in zip(*rows, strict=True))
         probability, behaviour, progress, soon, end, novelty = (
             torch.from_numpy(column).to(scaled.device) for column in understood
@@ -407,7 +409,7 @@ class PACNet(nn.Module):
             end / self.sofm.scale,
             novelty,
             novelty > watcher.novel_above,
-            torch.where(attention.novelty, NOBODY, attention.winner),
+            torch.where(attention.novelty, NO_NODE, attention.winner),
         )
 
     @torch.no_grad()
@@ -542,7 +544,7 @@ class PACNet(nn.Module):
         wanted = self.schemas.pool.live("target")  # alone: another thread may be learning
         if wanted.dim() != 2:
             raise ValueError(f"expected stored targets [rows, A], got {list(wanted.shape)}")
-        targets = check_distant("targets", targets, wanted.shape[1], wanted)
+        targets = check_bounded("targets", targets, wanted.shape[1], wanted)
         if len(percepts) != len(targets):
             raise ValueError(
                 f"expected one target for each of {len(percepts)} percepts, got {len(targets)}"

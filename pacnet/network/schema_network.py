@@ -15,8 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from pacnet.attention.records import NOBODY
-from pacnet.competition.winner_take_all import Competition
+from pacnet.competition.winner_take_all import NO_SCHEMA, Competition
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.core.model_checkpoint import load_tensors, read_model, save_model
 from pacnet.core.validation import check_rows
@@ -48,7 +47,7 @@ class SchemaRecall(NamedTuple):
     commanded: Tensor
     """Whether somebody wins, bool `[T]`."""
     winner: Tensor
-    """The schema that wins, int64 `[T]`, or `NOBODY`."""
+    """The schema that wins, int64 `[T]`, or `NO_SCHEMA`."""
     activity: SchemaActivity
     """Of all schemas."""
 
@@ -111,7 +110,7 @@ class SchemaNetwork(nn.Module):
         scale = (1.0,) * config.percept_dimensions if config.scale is None else config.scale
         self.register_buffer("scale", torch.tensor(scale), persistent=False)
         self.register_load_state_dict_post_hook(_start_afresh)
-        self._incumbent = NOBODY
+        self._incumbent = NO_SCHEMA
 
     def __len__(self) -> int:
         """The number S of schemas."""
@@ -233,7 +232,7 @@ class SchemaNetwork(nn.Module):
 
     def reset(self) -> None:
         """Starts a new episode: nobody has won yet; the forward model starts afresh too."""
-        self._incumbent = NOBODY
+        self._incumbent = NO_SCHEMA
         if self.forward_model is not None:
             self.forward_model.reset()
 
@@ -293,7 +292,7 @@ class SchemaNetwork(nn.Module):
         activity = self(percepts)
         winner = self.competition.over_time(activity.confidence, self._incumbent)
         targets = _of_winner(winner, activity.targets, torch.nan)
-        return SchemaRecall(targets, winner != NOBODY, winner, activity)
+        return SchemaRecall(targets, winner != NO_SCHEMA, winner, activity)
 
     def _candidates(
         self, model: ForwardModel, recall: SchemaRecall, states: Tensor
@@ -339,7 +338,7 @@ class SchemaNetwork(nn.Module):
 def _of_winner(winner: Tensor, values: Tensor, nobodys: float | bool) -> Tensor:
     """The winner's of values `[T, S, ...]`, and `nobodys` where nobody wins, `[T, ...]`."""
     chosen = values.new_full((len(winner), *values.shape[2:]), nobodys)
-    won = winner != NOBODY
+    won = winner != NO_SCHEMA
     chosen[won] = values[won, winner[won]]
     return chosen
 

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention.records import NOBODY
+from pacnet.attention.records import NO_NODE
 from pacnet.core.drafts import Tensors
 from pacnet.core.integrity import check_forms, check_holds, check_on_load
 from pacnet.core.validation import (
@@ -31,7 +31,7 @@ from pacnet.schemas.sequences import (
     RecalledRows,
     Samples,
     Sequences,
-    array_of_rows,
+    as_array,
 )
 from pacnet.schemas.state_checks import sequences_hold
 
@@ -188,9 +188,9 @@ class MotorSchemas(Sequences):
             return super().recall_all(nodes, percepts)
         arrays, kernel = self._looked_up()
         targets = np.full((len(nodes), arrays[3].shape[1]), np.nan, arrays[3].dtype)
-        positions = np.full(len(nodes), NOBODY)
+        positions = np.full(len(nodes), NO_NODE)
         self._recall_by_cue(kernel, arrays, nodes, percepts, targets, positions)
-        return RecalledRows(targets, positions, np.where(positions < 0, NOBODY, nodes))
+        return RecalledRows(targets, positions, np.where(positions < 0, NO_NODE, nodes))
 
     def hold_still(self) -> None:
         """What recall has looked up is not compared with the buffers again: they do not change."""
@@ -198,12 +198,12 @@ class MotorSchemas(Sequences):
             self._cache = Tensors(), *self._looked_up()
 
     def _recall_by_order(self, node: int) -> RecalledRow | None:
-        targets = [] if node == NOBODY else self.targets(node)
+        targets = [] if node == NO_NODE else self.targets(node)
         if len(targets) == 0:
             return None
         position = min(self._positions.get(node, -1) + 1, len(targets) - 1)
         self._positions[node] = position
-        return RecalledRow(array_of_rows(targets[position].clone()), position, node)
+        return RecalledRow(as_array(targets[position].clone()), position, node)
 
     def _recall_by_cue(
         self,

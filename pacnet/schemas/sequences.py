@@ -14,9 +14,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention.records import NOBODY
+from pacnet.attention.records import NO_NODE
 from pacnet.core.growable_rows import Column, GrowableRows
-from pacnet.core.validation import batch_of_one, check_distant, check_number
+from pacnet.core.validation import batch_of_one, check_bounded, check_number
 
 NUMBER = Column((), torch.int64)
 """A column of integers."""
@@ -54,7 +54,7 @@ class RecalledRow(NamedTuple):
 
 
 class RecalledRows(NamedTuple):
-    """The current targets at T samples; NaN, −1 and `NOBODY` where there is none."""
+    """The current targets at T samples; NaN, −1 and `NO_NODE` where there is none."""
 
     target: NDArray[np.floating]  # [T, A]
     position: NDArray[np.int64]  # [T]
@@ -62,7 +62,7 @@ class RecalledRows(NamedTuple):
 
 
 class RecalledTargets(NamedTuple):
-    """The current targets at T samples; NaN, −1 and `NOBODY` where there is none."""
+    """The current targets at T samples; NaN, −1 and `NO_NODE` where there is none."""
 
     target: Tensor  # [T, A]
     position: Tensor  # int64 [T]
@@ -101,7 +101,7 @@ class Sequences(nn.Module):
         self.blocks = GrowableRows(
             {"start": NUMBER, "length": NUMBER, "room": NUMBER, **of_sequence}
         )
-        self.register_state_dict_pre_hook(close_gaps)
+        self.register_state_dict_pre_hook(compact)
 
     @property
     def lengths(self) -> Tensor:
@@ -121,7 +121,7 @@ class Sequences(nn.Module):
         """The current target of the winner; how it is found, each kind of schemas says.
 
         Args:
-            node: the winner, or `NOBODY`.
+            node: the winner, or `NO_NODE`.
             percept: `[D]`, scaled.
 
         Returns:
@@ -132,8 +132,8 @@ class Sequences(nn.Module):
                 finite.
         """
         node = self._check_winner(node)
-        check_distant("percept", batch_of_one(percept), *self._like_a_cue())
-        recalled = self.recall_checked(node, array_of_rows(percept))
+        check_bounded("percept", batch_of_one(percept), *self._like_a_cue())
+        recalled = self.recall_checked(node, as_array(percept))
         if recalled is None:
             return None
         target, position, schema = recalled
@@ -141,12 +141,12 @@ class Sequences(nn.Module):
 
     @torch.no_grad()
     def recall_samples(self, nodes: Tensor, percepts: Tensor) -> RecalledTargets:
-        """`recall` for winners, or `NOBODY`, int64 `[T]`, and scaled percepts `[T, D]`.
+        """`recall` for winners, or `NO_NODE`, int64 `[T]`, and scaled percepts `[T, D]`.
 
         Raises:
             ValueError: no such node, not a percept for each, or a bad one.
         """
-        check_distant("percepts", percepts, *self._like_a_cue())
+        check_bounded("percepts", percepts, *self._like_a_cue())
         if not isinstance(nodes, Tensor) or nodes.shape != (len(percepts),):
             got = list(nodes.shape) if isinstance(nodes, Tensor) else type(nodes).__name__
             raise ValueError(f"expected a node for each of {len(percepts)} percepts, got {got}")
@@ -154,7 +154,7 @@ class Sequences(nn.Module):
             raise ValueError(f"expected nodes as torch.int64, got {nodes.dtype} {nodes.layout}")
         self._check_winner(int(nodes.min()))
         self._check_winner(int(nodes.max()))
-        recalled = self.recall_all(nodes.numpy(force=True), array_of_rows(percepts))
+        recalled = self.recall_all(nodes.numpy(force=True), as_array(percepts))
         return RecalledTargets(
             torch.from_numpy(recalled.target).to(percepts),
             *(torch.from_numpy(number).to(percepts.device) for number in recalled[1:]),
@@ -163,7 +163,7 @@ class Sequences(nn.Module):
     def recall_all(self, nodes: NDArray[np.int64], percepts: NDArray[np.floating]) -> RecalledRows:
         """`recall_samples` of arrays that are checked."""
         targets = np.full((len(nodes), self.pool.live("target").shape[1]), np.nan, percepts.dtype)
-        positions, schemas = np.full((2, len(nodes)), NOBODY)
+        positions, schemas = np.full((2, len(nodes)), NO_NODE)
         for sample, node in enumerate(nodes.tolist()):
             recalled = self.recall_checked(node, percepts[sample])
             if recalled is not None:
@@ -181,7 +181,7 @@ class Sequences(nn.Module):
             ValueError: buffers that contradict one another.
         """
         self.pool.check()
-        return array_of_rows(self.pool.live(column))
+        return as_array(self.pool.live(column))
 
     def check(self) -> None:
         """Checks what a user may have done to the buffers, before anything relies on them.
@@ -204,8 +204,8 @@ class Sequences(nn.Module):
         """Raises a ValueError unless these are targets `[T, A]` and scaled cues `[T, D]`."""
         self.pool.check()
         wanted = self.pool.live("target")
-        check_distant("targets", targets, wanted.shape[1], wanted)
-        check_distant("cues", cues, *self._like_a_cue())
+        check_bounded("targets", targets, wanted.shape[1], wanted)
+        check_bounded("cues", cues, *self._like_a_cue())
 
     def _like_a_cue(self) -> tuple[int, Tensor]:
         self.check()
@@ -213,7 +213,7 @@ class Sequences(nn.Module):
         return cues.shape[1], cues
 
     def _check_winner(self, node: int) -> int:
-        return check_number("a node", node, len(self), NOBODY, f", {NOBODY} for none")
+        return check_number("a node", node, len(self), NO_NODE, f", {NO_NODE} for none")
 
     def __len__(self) -> int:
         """The number of nodes."""
@@ -236,7 +236,7 @@ class Sequences(nn.Module):
             rows: of each column a tensor `[sum of counts, ...]`, one sequence after the other.
         """
         if len(self.pool) > 4 * max(8, int(self.blocks.live("room").sum())):
-            close_gaps(self)  # before anything is told by how much room there is
+            compact(self)  # before anything is told by how much room there is
         lengths = self.lengths[sequences]
         full = lengths + counts > self.blocks.live("room")[sequences]
         if bool(full.any()):
@@ -264,7 +264,7 @@ def in_single(rows: Tensor) -> Tensor:
     return rows.float() if rows.dtype in (torch.half, torch.bfloat16) else rows
 
 
-def array_of_rows(rows: Tensor) -> NDArray[Any]:
+def as_array(rows: Tensor) -> NDArray[Any]:
     """Rows as a contiguous array, of the same memory if they are that; half precision in single."""
     return in_single(rows.detach()).contiguous().numpy(force=True)
 
@@ -281,7 +281,7 @@ def rows_of(starts: Tensor, counts: Tensor) -> Tensor:
     return torch.arange(len(shift), device=shift.device) + shift
 
 
-def close_gaps(sequences: nn.Module, *_: object) -> None:
+def compact(sequences: nn.Module, *_: object) -> None:
     """Lays the sequences end to end in the order of their numbers; what they hold stays.
 
     Rows of the pool are numbered anew, and none is left that belongs to no sequence. They move to
@@ -299,6 +299,6 @@ def close_gaps(sequences: nn.Module, *_: object) -> None:
         if not torch.equal(blocks.live("room"), lengths):
             blocks.live("room").copy_(lengths)
         return
-    pool.keep(rows_of(blocks.live("start"), lengths))
+    pool.select(rows_of(blocks.live("start"), lengths))
     blocks.live("start").copy_(starts)
     blocks.live("room").copy_(lengths)

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
-from pacnet.attention.records import NOBODY
+from pacnet.attention.records import NO_NODE
 from pacnet.schemas.sequences import Samples
 from pacnet.schemas.state_checks import OPEN
 
@@ -29,15 +29,15 @@ class Pass:
     Attributes:
         node: at which it is.
         last: sample of the episode at which the node won last.
-        number: its row among the passes that are remembered; `NOBODY` while it has none.
+        number: its row among the passes that are remembered; `NO_NODE` while it has none.
         schema: number of its own schema, likewise.
         samples: those of the portion at hand that belong to it, ascending.
     """
 
     node: int
     last: int
-    number: int = NOBODY
-    schema: int = NOBODY
+    number: int = NO_NODE
+    schema: int = NO_NODE
     samples: list[int] = field(default_factory=list)
 
 
@@ -50,9 +50,9 @@ def take_in(schemas: CompetingSchemas, samples: Samples) -> None:
     """
     episode = schemas.episodes
     first = int(episode.live("samples")[-1])
-    nodes = samples.node.where(samples.habituated, NOBODY).tolist()
+    nodes = samples.node.where(samples.habituated, NO_NODE).tolist()
     passes = assign(nodes, first, _recent(schemas, first), schemas.config.continuation)
-    _open(schemas, [new for new in passes if new.number == NOBODY], first)
+    _open(schemas, [new for new in passes if new.number == NO_NODE], first)
     _keep(schemas, [here for here in passes if here.samples], samples, first)
     _look_on(schemas, passes, samples.cue, first)
     episode.live("samples")[-1] += len(nodes)
@@ -65,7 +65,7 @@ def assign(
     """Gives each sample to its pass.
 
     Args:
-        nodes: the habituated winner at each sample, or `NOBODY`.
+        nodes: the habituated winner at each sample, or `NO_NODE`.
         first: which sample of the episode the first one is.
         recent: passes that may go on, one a node.
         continuation: samples after its last at which a pass still may.
@@ -76,7 +76,7 @@ def assign(
     passes = list(recent)
     at = {known.node: known for known in passes}
     for sample, node in enumerate(nodes):
-        if node == NOBODY:
+        if node == NO_NODE:
             continue
         here = at.get(node)
         if here is None or first + sample - here.last > continuation:

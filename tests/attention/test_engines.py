@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet import (
-    NOBODY,
+    NO_NODE,
     HabituatingSOFM,
     MotorSchemas,
     MotorSchemasConfig,
@@ -242,7 +242,7 @@ def test_a_step_in_eval_mode_reads_and_changes_nothing():
 def test_the_first_step_makes_the_first_node():
     sofm = HabituatingSOFM(SOFMConfig.paper(2))
     step = sofm.step(np.array([1, 2], np.float32))
-    assert step == (NOBODY, NOBODY, 0.0, True, True, True, False, False, 0)
+    assert step == (NO_NODE, NO_NODE, 0.0, True, True, True, False, False, 0)
     assert sofm.prototypes.tolist() == [[1, 2]]
 
 
@@ -477,7 +477,7 @@ def squares(percept: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray[
     """Squared distances of a percept [D] from rows [N, D]."""
     out = np.full(max(4, len(rows)), np.nan, np.float32)
     nearest = squared_distances(percept[None], 0, np.ascontiguousarray(rows.T), 0, len(rows), out)
-    order = [*out[: len(rows)].argsort(kind="stable").tolist(), NOBODY]
+    order = [*out[: len(rows)].argsort(kind="stable").tolist(), NO_NODE]
     assert nearest == (order[0], order[1])
     return out[: len(rows)]
 
@@ -523,7 +523,7 @@ def test_a_distance_is_the_same_to_all_who_ask(dimensions: int):
         | {
             "nodes.prototype": torch.from_numpy(rows),
             "nodes.habituation": torch.ones(33),
-            "nodes.habituated_at": torch.full((33,), NOBODY),
+            "nodes.habituated_at": torch.full((33,), NO_NODE),
         }
     )
     many = sofm(torch.from_numpy(np.tile(percepts, (12_500, 1))))

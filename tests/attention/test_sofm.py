@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from pacnet import NOBODY, HabituatingSOFM, SOFMConfig
+from pacnet import NO_NODE, HabituatingSOFM, SOFMConfig
 
 
 def percepts(*rows: tuple[float, ...]) -> torch.Tensor:
@@ -28,8 +28,8 @@ def make_walk(samples: int, dimensions: int, seed: int) -> torch.Tensor:
 
 def test_an_empty_map_finds_every_percept_novel():
     reading = make_map()(percepts((0, 0), (1, 1)))
-    assert reading.winner.tolist() == [NOBODY, NOBODY]
-    assert reading.runner_up.tolist() == [NOBODY, NOBODY]
+    assert reading.winner.tolist() == [NO_NODE, NO_NODE]
+    assert reading.runner_up.tolist() == [NO_NODE, NO_NODE]
     assert reading.activation.tolist() == [0, 0]
     assert reading.novelty.tolist() == [True, True]
 
@@ -39,7 +39,7 @@ def test_one_node_has_no_runner_up():
     sofm.observe(percepts((0, 0)))
     reading = sofm(percepts((0.3, 0.4)))
     assert reading.winner.item() == 0
-    assert reading.runner_up.item() == NOBODY
+    assert reading.runner_up.item() == NO_NODE
     assert reading.activation.item() == pytest.approx(math.exp(-0.5))
 
 
@@ -96,7 +96,7 @@ def test_a_novel_percept_makes_a_node_there_joined_to_the_winner():
     sofm = make_map(novelty_threshold=0.5)
     record = sofm.observe(percepts((0, 0), (2, 0)))
     assert record.inserted.tolist() == [True, True]
-    assert record.winner.tolist() == [NOBODY, 0]
+    assert record.winner.tolist() == [NO_NODE, 0]
     assert record.attended.tolist() == [True, True]
     assert sofm.prototypes.tolist() == [[0, 0], [2, 0]]
     assert sofm.edges.live("ends").tolist() == [[0, 1]]

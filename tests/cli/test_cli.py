@@ -124,7 +124,7 @@ def unannounced(error: str) -> str:
 def taught(*datasets: Path) -> Imitator:
     """The second method: the same learned in Python."""
     shown = [load_demonstrations(dataset) for dataset in datasets]
-    imitator = Imitator.untaught(shown[0])
+    imitator = Imitator.from_demonstrations(shown[0])
     for demonstrations in shown:
         imitator.learn(demonstrations)
     return imitator

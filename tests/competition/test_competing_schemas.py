@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from pacnet import NOBODY, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
+from pacnet import NO_NODE, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
 from pacnet.competition.confidences import NodeSchemas
 
 FAR = 9.0
@@ -436,7 +436,7 @@ def test_what_came_before_decides_between_schemas_that_fit_alike(side: float):
 
 def test_what_is_seen_while_nobody_wins_counts_too():
     schemas = make_fork()
-    assert recalled(schemas, *[-1.0] * 5, node=NOBODY) == [None] * 5
+    assert recalled(schemas, *[-1.0] * 5, node=NO_NODE) == [None] * 5
     assert recalled(schemas, 0.0) == [-1.0]
 
 
@@ -462,7 +462,7 @@ def test_a_schema_that_does_not_belong_to_what_is_watched_is_not_recalled(
     threshold: float, expected: float | None
 ):
     schemas = make_fork(threshold=threshold)
-    recalled(schemas, *[4.0] * 5, node=NOBODY)  # the end, long after node 0 was passed
+    recalled(schemas, *[4.0] * 5, node=NO_NODE)  # the end, long after node 0 was passed
     assert recalled(schemas, 4.0) == [expected]
 
 
@@ -486,7 +486,7 @@ def test_a_node_passed_twice_does_what_belongs_to_the_time_in_the_episode():
             away(schemas, 8, elsewhere)
     schemas.begin(2, "")
     assert recalled(schemas, *[0.0] * 8) == [1.0] * 8
-    recalled(schemas, *[3.0] * 8, node=NOBODY)
+    recalled(schemas, *[3.0] * 8, node=NO_NODE)
     assert recalled(schemas, *[0.0] * 8) == [2.0] * 8
 
 
@@ -530,7 +530,7 @@ def test_where_the_winner_is_of_something_else_all_that_know_the_percept_compete
     rivals = schemas.rivals(won_by, torch.tensor([0.0]))
     own = [] if won_by == 2 else [(1, 1)]  # which competed first, in vain
     assert [(each.node, each.schema) for each in rivals] == [(0, 0), *own]
-    assert recalled(schemas, 0.0, node=NOBODY) == [None]  # novel to the map
+    assert recalled(schemas, 0.0, node=NO_NODE) == [None]  # novel to the map
 
 
 def test_what_is_out_of_reach_never_competes_whatever_the_threshold():
@@ -616,7 +616,7 @@ def test_what_the_competition_refuses_is_refused():
 
 BAD_SAMPLES = {
     "no such node": (3, torch.zeros(1), torch.zeros(1), "node from 0 to 2, got 3"),
-    "nobody": (NOBODY, torch.zeros(1), torch.zeros(1), "node from 0 to 2, got -1"),
+    "nobody": (NO_NODE, torch.zeros(1), torch.zeros(1), "node from 0 to 2, got -1"),
     "target": (0, torch.zeros(2), torch.zeros(1), r"targets.*\[rows, 1\]"),
     "NaN target": (0, torch.tensor([math.nan]), torch.zeros(1), "finite targets"),
     "cue": (0, torch.zeros(1), torch.zeros(1).double(), "cues.*float64"),
@@ -697,7 +697,7 @@ def test_eval_mode_begins_and_writes_nothing():
 def test_a_state_dict_brings_schemas_episodes_and_names():
     source, loaded = make_fork(), make_schemas(nodes=0, recognition=RecognitionConfig(places=8))
     source.begin(5, "tea")
-    recalled(loaded, 0.0, node=NOBODY)
+    recalled(loaded, 0.0, node=NO_NODE)
     loaded.load_state_dict(source.state_dict())
     assert loaded.behaviours == source.behaviours == ["", "tea"]
     assert len(loaded) == 3

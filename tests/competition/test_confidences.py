@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from pacnet import NOBODY, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
+from pacnet import NO_NODE, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
 from pacnet.competition.confidences import NodeSchemas
 from pacnet.competition.recall import CompetingRecall
 
@@ -94,7 +94,7 @@ def test_the_place_of_a_schema_and_its_rows():
         assert here.place_of(schema) == place
         assert torch.equal(schemas.pool.live("cue")[here.rows_of(place)], schemas.cues(schema))
     stranger = int(schemas.schemas_of(0)[0])
-    assert here.place_of(stranger) == here.place_of(NOBODY) == NOBODY
+    assert here.place_of(stranger) == here.place_of(NO_NODE) == NO_NODE
 
 
 def test_what_is_laid_out_for_more_than_it_is_given_is_refused():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from pacnet import NOBODY, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
+from pacnet import NO_NODE, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
 from pacnet.competition.explanation import Origin
 
 ELSEWHERE = 9.0
@@ -124,7 +124,7 @@ def test_the_first_origin_is_where_the_target_was_shown(seed: int):
     ("schema", "position", "message"),
     [
         (1, 0, "schema from 0 to 0, got 1"),
-        (NOBODY, 0, "schema from 0 to 0, got -1"),
+        (NO_NODE, 0, "schema from 0 to 0, got -1"),
         (0, 2, "position from 0 to 1 in schema 0, got 2"),
         (0, -1, "position from 0 to 1 in schema 0, got -1"),
     ],
@@ -176,8 +176,8 @@ def test_asking_for_rivals_changes_nothing():
 
 def test_where_nothing_competes_there_are_no_rivals():
     schemas = make_fork()
-    schemas.recall(NOBODY, torch.tensor([0.0]))
-    assert schemas.rivals(NOBODY, torch.tensor([0.0])) == []
+    schemas.recall(NO_NODE, torch.tensor([0.0]))
+    assert schemas.rivals(NO_NODE, torch.tensor([0.0])) == []
     assert schemas.rivals(1, torch.tensor([2.0])) == []
 
 

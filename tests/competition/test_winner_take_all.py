@@ -6,8 +6,7 @@ from dataclasses import asdict
 import pytest
 import torch
 
-from pacnet.attention.records import NOBODY
-from pacnet.competition.winner_take_all import Competition, CompetitionConfig
+from pacnet.competition.winner_take_all import NO_SCHEMA, Competition, CompetitionConfig
 
 
 def competition(threshold: float = 0.0, margin: float = 0.0) -> Competition:
@@ -21,15 +20,15 @@ def test_the_most_confident_wins_and_of_equal_ones_the_lowest_number():
 
 def test_under_the_threshold_nobody_competes_and_at_it_one_does():
     confidences = torch.tensor([[0.5, 0.25], [0.25, 0.4375]])
-    assert competition(threshold=0.5)(confidences).tolist() == [0, NOBODY]
+    assert competition(threshold=0.5)(confidences).tolist() == [0, NO_SCHEMA]
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.5])
 def test_of_no_schemas_nobody_wins(margin):
     rivals = competition(margin=margin)
-    nobody = torch.tensor([NOBODY, NOBODY])
-    assert rivals(torch.zeros(2, 0), nobody).tolist() == [NOBODY, NOBODY]
-    assert rivals.over_time(torch.zeros(2, 0)).tolist() == [NOBODY, NOBODY]
+    nobody = torch.tensor([NO_SCHEMA, NO_SCHEMA])
+    assert rivals(torch.zeros(2, 0), nobody).tolist() == [NO_SCHEMA, NO_SCHEMA]
+    assert rivals.over_time(torch.zeros(2, 0)).tolist() == [NO_SCHEMA, NO_SCHEMA]
 
 
 @pytest.mark.parametrize(
@@ -40,8 +39,8 @@ def test_of_no_schemas_nobody_wins(margin):
         ([0.5, 0.875], 0, 1, "0.375 more is"),
         ([0.25, 0.5], 0, 0, "at the threshold the incumbent competes"),
         ([0.125, 0.25], 0, 1, "the incumbent no longer competes"),
-        ([0.125, 0.1875], 0, NOBODY, "nobody does"),
-        ([0.5, 0.625], NOBODY, 1, "nobody defends"),
+        ([0.125, 0.1875], 0, NO_SCHEMA, "nobody does"),
+        ([0.5, 0.625], NO_SCHEMA, 1, "nobody defends"),
         ([0.75, 0.75], 1, 1, "a tie is the incumbent's"),
     ],
 )
@@ -62,16 +61,16 @@ def test_over_time_each_winner_is_the_next_ones_incumbent():
         [[0.75, 0.5], [0.5, 0.625], [0.5, 0.75], [0.5, 0.875], [0.625, 0.5], [0.0, 0.0], [0.5, 0.5]]
     )
     rivals = competition(threshold=0.25, margin=0.25)
-    assert rivals.over_time(confidences).tolist() == [0, 0, 0, 1, 1, NOBODY, 0]
-    assert rivals.over_time(confidences[4:], incumbent=1).tolist() == [1, NOBODY, 0]
-    assert competition(0.25).over_time(confidences).tolist() == [0, 1, 1, 1, 0, NOBODY, 0]
+    assert rivals.over_time(confidences).tolist() == [0, 0, 0, 1, 1, NO_SCHEMA, 0]
+    assert rivals.over_time(confidences[4:], incumbent=1).tolist() == [1, NO_SCHEMA, 0]
+    assert competition(0.25).over_time(confidences).tolist() == [0, 1, 1, 1, 0, NO_SCHEMA, 0]
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.125])
 def test_a_batch_is_independent_competitions(margin):
     generator = torch.Generator().manual_seed(0)
     confidences = torch.randint(0, 9, (200, 4), generator=generator) / 8  # with ties
-    incumbents = torch.randint(NOBODY, 4, (200,), generator=generator)
+    incumbents = torch.randint(NO_SCHEMA, 4, (200,), generator=generator)
     rivals = competition(0.375, margin)
     one_by_one = [
         rivals(confidences[row : row + 1], incumbents[row : row + 1]).item() for row in range(200)
@@ -86,7 +85,7 @@ def test_the_winner_of_one_is_that_of_a_batch(margin, threshold):
     generator = torch.Generator().manual_seed(0)
     eighths = torch.randint(0, 9, (200, 4), generator=generator) / 8  # with ties
     tenths = torch.randint(0, 11, (200, 4), generator=generator) / 10  # and with rounding
-    incumbents = torch.randint(NOBODY, 4, (200,), generator=generator)
+    incumbents = torch.randint(NO_SCHEMA, 4, (200,), generator=generator)
     rivals = competition(threshold, margin)
     for confidences in (eighths, tenths, tenths.double()):
         pairs = zip(confidences, incumbents.tolist(), strict=True)

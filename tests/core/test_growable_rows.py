@@ -39,7 +39,7 @@ def test_a_buffer_is_exactly_the_rows():
     assert rows.point.shape == (2, 2)
 
 
-@pytest.mark.parametrize("change", ["append", "delete", "swap_out", "keep", "load"])
+@pytest.mark.parametrize("change", ["append", "delete", "swap_remove", "select", "load"])
 @pytest.mark.parametrize("count", [7, 127, 128, 129])
 def test_a_view_taken_before_keeps_its_rows(change: str, count: int):
     rows = make_rows(count)
@@ -60,7 +60,7 @@ def test_a_view_taken_before_keeps_its_rows(change: str, count: int):
 
 def test_rows_that_are_swapped_out_leave_their_places_to_the_last():
     rows = make_rows(6)
-    rows.swap_out(torch.tensor([1, 4]))  # 5 takes the place of 4, and then that of 1
+    rows.swap_remove(torch.tensor([1, 4]))  # 5 takes the place of 4, and then that of 1
     assert rows.live("number").tolist() == [0, 5, 2, 3]
     assert rows.live("point")[:, 1].tolist() == [0, -5, -2, -3]
 

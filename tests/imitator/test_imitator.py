@@ -19,7 +19,7 @@ from torch import Tensor
 
 from pacnet import CompetingSchemas
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
-from pacnet.imitator.imitator import Imitator, Lesson
+from pacnet.imitator.imitator import EpisodeReport, Imitator
 from pacnet.schemas.targets import targets_ahead
 
 FPS = 50
@@ -52,7 +52,7 @@ def demonstrations() -> Demonstrations:
 
 @pytest.fixture(scope="module")
 def taught(demonstrations: Demonstrations) -> Imitator:
-    imitator = Imitator.untaught(demonstrations)
+    imitator = Imitator.from_demonstrations(demonstrations)
     imitator.learn(demonstrations)
     return imitator
 
@@ -91,7 +91,7 @@ def test_a_correction_makes_the_new_place_known_and_forgets_nothing(taught: Imit
 
 
 def test_corrections_widen_nothing_though_they_are_more_than_the_demonstrations():
-    imitator = Imitator.untaught(shown(reach(0)))
+    imitator = Imitator.from_demonstrations(shown(reach(0)))
     imitator.learn(shown(reach(0)))
     tolerance = imitator.familiarity.tolerance
     for number, glass in enumerate((0.15, 0.3, 0.45)):
@@ -105,7 +105,7 @@ def test_corrections_widen_nothing_though_they_are_more_than_the_demonstrations(
 
 
 def test_lessons_tell_what_was_learned(demonstrations: Demonstrations):
-    imitator = Imitator.untaught(demonstrations)
+    imitator = Imitator.from_demonstrations(demonstrations)
     first = imitator.learn(demonstrations)
     later = imitator.learn(shown(reach(7, glass=0.5, task="reach far"), source="later"))
     assert imitator.lessons == first + later
@@ -121,7 +121,7 @@ def test_lessons_tell_what_was_learned(demonstrations: Demonstrations):
 
 
 def test_learning_at_once_equals_learning_one_after_the_other(demonstrations: Demonstrations):
-    at_once, piecemeal = (Imitator.untaught(demonstrations) for _ in range(2))
+    at_once, piecemeal = (Imitator.from_demonstrations(demonstrations) for _ in range(2))
     at_once.learn(demonstrations)
     for episode in demonstrations:
         piecemeal.learn(shown(episode))
@@ -137,7 +137,7 @@ def test_the_scale_stays_what_it_was(taught: Imitator):
 
 def test_progress_is_told_in_frames(demonstrations: Demonstrations):
     told = []
-    Imitator.untaught(demonstrations).learn(demonstrations, told.append)
+    Imitator.from_demonstrations(demonstrations).learn(demonstrations, told.append)
     assert sum(told) == 4 * FRAMES
 
 
@@ -166,7 +166,7 @@ def test_saved_and_loaded_it_is_the_same(taught: Imitator, tmp_path: Path):
     taught.save_pretrained(tmp_path / "checkpoint")
     loaded = Imitator.from_pretrained(tmp_path / "checkpoint")
     assert loaded.lessons == taught.lessons
-    assert isinstance(loaded.lessons[0], Lesson)
+    assert isinstance(loaded.lessons[0], EpisodeReport)
     assert loaded.config == taught.config
     percepts = torch.cat([reach(100).percepts[:150], reach(101, glass=0.2).percepts[:20]])
     for ours, theirs in zip(follow(taught, percepts), follow(loaded, percepts), strict=True):
@@ -244,7 +244,7 @@ def test_other_percepts_are_refused(taught: Imitator, percept: object):
 
 
 def test_before_anything_was_learned_nothing_is_done(demonstrations: Demonstrations):
-    step = Imitator.untaught(demonstrations).step(demonstrations.episodes[0].percepts[0])
+    step = Imitator.from_demonstrations(demonstrations).step(demonstrations.episodes[0].percepts[0])
     assert step.action is None
     assert step.is_novel
 
@@ -256,7 +256,7 @@ def test_one_demonstration_is_enough_to_act_by(fps: int, frames: int):
     ahead = targets_ahead(state, steps=5)  # where the arm was told to go: beyond the noise
     one = replace(one, state=state, environment_state=one.environment_state[::every], action=ahead)
     demonstrations = Demonstrations(fps, NAMES, (one,), "reaching")
-    imitator = Imitator.untaught(demonstrations)
+    imitator = Imitator.from_demonstrations(demonstrations)
     (lesson,) = imitator.learn(demonstrations)
     assert int(imitator.network.schemas.lengths.sum()) > 0.95 * lesson.frames
     at, way = one.state[0], []
@@ -398,7 +398,7 @@ def test_a_checkpoint_with_other_lessons_is_refused(
 @pytest.mark.parametrize("lead", [0, FRAMES, 2.0])
 def test_a_lead_within_the_demonstrations(demonstrations: Demonstrations, lead: int):
     with pytest.raises(ValueError, match="expected lead as a number of frames from 1 to 299"):
-        Imitator.untaught(demonstrations, targets="state", lead=lead)
+        Imitator.from_demonstrations(demonstrations, targets="state", lead=lead)
 
 
 def test_percepts_and_actions_of_one_feature_are_refused(demonstrations: Demonstrations):
@@ -407,14 +407,14 @@ def test_percepts_and_actions_of_one_feature_are_refused(demonstrations: Demonst
     with pytest.raises(
         ValueError, match=r"of different features, got 'observation.state' for both"
     ):
-        Imitator.untaught(same)
+        Imitator.from_demonstrations(same)
 
 
 def test_nodes_settle_in_time_not_in_frames():
     at = {}
     for fps in (10, 50):
         episodes = Demonstrations(fps, NAMES, (reach(0),), "reaching")
-        at[fps] = Imitator.untaught(episodes).config.network.attention.winner_tau
+        at[fps] = Imitator.from_demonstrations(episodes).config.network.attention.winner_tau
     assert at == {10: 1.0, 50: 5.0}
 
 
@@ -428,7 +428,7 @@ def pushed() -> Demonstration:
 def test_states_as_targets_are_reached_through_a_forward_model():
     names = {"observation.state": ("place",), "action": ("push",)}
     demonstrations = Demonstrations(FPS, names, (pushed(), pushed()), "going")
-    imitator = Imitator.untaught(demonstrations, targets="state", lead=5)
+    imitator = Imitator.from_demonstrations(demonstrations, targets="state", lead=5)
     imitator.learn(demonstrations)
     candidates = torch.tensor(imitator.config.forward_model.candidates)
     assert torch.allclose(candidates, torch.tensor([[-0.02], [0.02]]))
@@ -442,7 +442,7 @@ def test_states_as_targets_are_reached_through_a_forward_model():
 def test_states_as_targets_need_actions_that_differ(demonstrations: Demonstrations):
     still = [replace(one, action=torch.zeros_like(one.action)) for one in demonstrations]
     with pytest.raises(ValueError, match="expected actions that differ"):
-        Imitator.untaught(shown(*still), targets="state")
+        Imitator.from_demonstrations(shown(*still), targets="state")
 
 
 def assert_same(ours: Imitator, theirs: Imitator) -> None:

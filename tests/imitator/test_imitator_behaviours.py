@@ -19,7 +19,7 @@ def test_what_was_learned_first_is_done_after_two_more_behaviours(tmp_path: Path
     for behaviour, seed in TAUGHT.items():
         record(tmp_path / behaviour, seed, 8, behaviour, behaviour)
     lessons = [load_demonstrations(tmp_path / behaviour) for behaviour in TAUGHT]
-    imitator = Imitator.untaught(lessons[0])
+    imitator = Imitator.from_demonstrations(lessons[0])
     for lesson in lessons:
         imitator.learn(lesson)
     environment = make_environment(Condition())

@@ -199,7 +199,7 @@ def assert_learned(checkpoint: Path, expected: Imitator) -> None:
 
 def test_one_pass_learns_the_dataset_in_order(trained: Path, drinking: Path):
     demonstrations = load_demonstrations(drinking)
-    expected = Imitator.untaught(demonstrations)
+    expected = Imitator.from_demonstrations(demonstrations)
     expected.learn(demonstrations)
     assert_learned(trained, expected)
 

@@ -110,7 +110,7 @@ def config_of(names: dict = NAMES, **settings) -> PACNetConfig:
     return PACNetConfig(device="cpu", input_features=features, output_features=action, **settings)
 
 
-def untaught(dataset: Demonstrations, **settings) -> PACNetPolicy:
+def policy_for(dataset: Demonstrations, **settings) -> PACNetPolicy:
     return PACNetPolicy(config_of(dataset.names, **settings), dataset_meta=meta_of(dataset))
 
 
@@ -126,7 +126,7 @@ def learn(policy: PACNetPolicy, seen: Iterator[dict]) -> list[float]:
 
 
 def taught(dataset: Demonstrations) -> PACNetPolicy:
-    policy = untaught(dataset)
+    policy = policy_for(dataset)
     learn(policy, batches(dataset, 0, 64))
     return policy.eval()
 
@@ -139,7 +139,7 @@ def reloaded(policy: PACNetPolicy, folder: Path, dataset: Demonstrations) -> PAC
 
 
 def learned_in_order(*datasets: Demonstrations) -> Imitator:
-    imitator = Imitator.untaught(datasets[0])
+    imitator = Imitator.from_demonstrations(datasets[0])
     for dataset in datasets:
         imitator.learn(dataset)
     return imitator
@@ -172,20 +172,20 @@ def policy(dataset: Demonstrations) -> PACNetPolicy:
 
 @pytest.mark.parametrize(("seed", "size"), [(0, 1), (1, 64), (2, 1000)])
 def test_a_shuffled_pass_is_the_dataset_in_order(dataset: Demonstrations, seed: int, size: int):
-    policy = untaught(dataset)
+    policy = policy_for(dataset)
     learn(policy, batches(dataset, seed, size))
     assert_same(policy.imitator, learned_in_order(dataset))
 
 
 def test_further_passes_change_nothing(dataset: Demonstrations):
-    policy = untaught(dataset)
+    policy = policy_for(dataset)
     learn(policy, batches(dataset, 0, 64))
     learn(policy, batches(dataset, 1, 50))
     assert_same(policy.imitator, learned_in_order(dataset))
 
 
 def test_the_loss_is_novelty_and_falls(dataset: Demonstrations):
-    policy = untaught(dataset)
+    policy = policy_for(dataset)
     losses = learn(policy, batches(dataset, 0, 30))
     assert losses[0] == 1.0
     assert losses[ENOUGH // 30 + 1] < 0.5  # by then some was learned
@@ -194,14 +194,14 @@ def test_the_loss_is_novelty_and_falls(dataset: Demonstrations):
 
 
 def test_nothing_is_learned_while_evaluating(dataset: Demonstrations):
-    policy = untaught(dataset).eval()
+    policy = policy_for(dataset).eval()
     loss, _ = policy.forward(frames_of(dataset))
     assert loss.item() == 1.0
     assert policy.imitator is None
 
 
 def test_what_came_is_learned_before_it_is_judged(dataset: Demonstrations):
-    policy = untaught(dataset)
+    policy = policy_for(dataset)
     policy.forward(next(batches(dataset, 0, 100)))
     assert policy.imitator is None
     policy.eval()
@@ -209,7 +209,7 @@ def test_what_came_is_learned_before_it_is_judged(dataset: Demonstrations):
 
 
 def test_a_resumed_training_ends_like_an_uninterrupted_one(dataset: Demonstrations, tmp_path: Path):
-    policy, seen = untaught(dataset), list(batches(dataset, 0, 40))
+    policy, seen = policy_for(dataset), list(batches(dataset, 0, 40))
     for part in (seen[:3], seen[3:8], seen[8:]):
         learn(policy, iter(part))
         policy = reloaded(policy, tmp_path / f"{len(part)}", dataset)
@@ -225,7 +225,7 @@ def test_another_dataset_is_added_to_what_was_learned(dataset: Demonstrations, t
     learn(policy, iter(seen[5:]))
     assert_same(policy.imitator, learned_in_order(dataset, second))
     assert policy.imitator.config.network.attention.scale == (
-        Imitator.untaught(dataset).config.network.attention.scale
+        Imitator.from_demonstrations(dataset).config.network.attention.scale
     )
 
 
@@ -244,7 +244,7 @@ def test_states_are_learned_as_targets(tmp_path: Path):
     dataset = waves(1, count=2)
     policy = PACNetPolicy(config_of(targets="state", lead=2), dataset_meta=meta_of(dataset))
     learn(policy, batches(dataset, 0, 64))
-    expected = Imitator.untaught(dataset, targets="state", lead=2)
+    expected = Imitator.from_demonstrations(dataset, targets="state", lead=2)
     expected.learn(dataset)
     assert_same(policy.imitator, expected)
     with pytest.raises(ValueError, match="targets=state, as learned before, got action"):
@@ -276,7 +276,7 @@ def test_other_features_and_rates_are_refused_at_once(dataset: Demonstrations, t
 
 
 def test_frames_without_names_and_of_one_dimension_are_understood(dataset: Demonstrations):
-    policy = untaught(dataset)
+    policy = policy_for(dataset)
     policy._dataset_meta.features[GLASS]["names"] = None
     batch = frames_of(dataset)
     batch[STATE] = batch[STATE][:, None]  # a window of one frame
@@ -289,7 +289,7 @@ def test_frames_without_names_and_of_one_dimension_are_understood(dataset: Demon
 
 
 def test_numbers_that_are_not_finite_are_refused_by_their_index(dataset: Demonstrations):
-    policy = untaught(dataset)
+    policy = policy_for(dataset)
     batch = frames_of(dataset)
     batch[ACTION] = batch[ACTION].clone()
     batch[ACTION][130, 1] = torch.nan
@@ -320,7 +320,7 @@ def test_settings_out_of_range_are_refused():
 
 
 def test_several_processes_are_refused(dataset: Demonstrations, monkeypatch: pytest.MonkeyPatch):
-    policy = untaught(dataset)
+    policy = policy_for(dataset)
     monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
     monkeypatch.setattr(torch.distributed, "get_world_size", lambda: 2)
     with pytest.raises(ValueError, match="expected one process, got 2"):
@@ -333,7 +333,7 @@ def test_learning_needs_the_metadata(dataset: Demonstrations):
 
 
 def test_a_frame_that_the_metadata_do_not_know_is_refused(dataset: Demonstrations):
-    policy = untaught(dataset)
+    policy = policy_for(dataset)
     with pytest.raises(ValueError, match="got index 390"):
         policy.forward(frames_of(waves(0, count=4)))
 
@@ -586,7 +586,7 @@ def test_it_is_ready_when_an_episode_begins(dataset: Demonstrations):
 
 def test_mixed_precision_learns_the_same(dataset: Demonstrations):
     half = list(batches(dataset, 0, 64))[:3]
-    policies = [untaught(dataset) for _ in range(2)]
+    policies = [policy_for(dataset) for _ in range(2)]
     with torch.autocast("cpu", dtype=torch.bfloat16):
         learn(policies[0], iter(half))
         policies[0].eval()  # which learns what came, as LeRobot's evaluation during training has it
@@ -596,7 +596,7 @@ def test_mixed_precision_learns_the_same(dataset: Demonstrations):
 
 def test_states_as_targets_are_learned_the_same_in_mixed_precision():
     dataset = waves(1, count=2)
-    expected = Imitator.untaught(dataset, targets="state", lead=2)
+    expected = Imitator.from_demonstrations(dataset, targets="state", lead=2)
     expected.learn(dataset)
     policy = PACNetPolicy(config_of(targets="state", lead=2), dataset_meta=meta_of(dataset))
     with torch.autocast("cpu", dtype=torch.bfloat16):
@@ -606,7 +606,7 @@ def test_states_as_targets_are_learned_the_same_in_mixed_precision():
 
 def test_the_steps_of_a_pass_are_told(dataset: Demonstrations, caplog: pytest.LogCaptureFixture):
     caplog.set_level("INFO")
-    learn(untaught(dataset), batches(dataset, 0, 64))  # 390 frames: six batches and six frames
+    learn(policy_for(dataset), batches(dataset, 0, 64))  # 390 frames: six batches and six frames
     assert "one pass is --steps=7" in caplog.text
 
 

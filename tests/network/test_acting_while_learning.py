@@ -72,7 +72,7 @@ def make_network(kind: str) -> PACNet:
 
 
 def make_imitator() -> Imitator:
-    imitator = Imitator.untaught(demonstrations(0, 1, 2))
+    imitator = Imitator.from_demonstrations(demonstrations(0, 1, 2))
     imitator.learn(demonstrations(0))
     return imitator
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet import (
-    NOBODY,
+    NO_NODE,
     Action,
     Command,
     CompetingSchemasConfig,
@@ -343,7 +343,7 @@ def test_an_unknown_percept_is_new_and_commands_nothing(engine: str, schemas: st
     decision = network.step(np.array(FAR, np.float32))
     assert decision.novelty is True
     assert decision[:2] == (None, None)
-    assert decision[-2:] == (-1, NOBODY)
+    assert decision[-2:] == (-1, NO_NODE)
     distance = (network.sofm.prototypes - torch.tensor(FAR)) * torch.tensor([0.5, 1.0])
     assert decision.winner == int(distance.square().sum(dim=1).argmin())
     assert decision.activation < 1e-9
@@ -353,7 +353,7 @@ def test_an_unknown_percept_is_new_and_commands_nothing(engine: str, schemas: st
 @every_kind
 def test_an_untaught_network_commands_nothing(engine: str, schemas: str):
     decision = make_network(engine, schemas, Towards()).step(np.zeros(2, np.float32))
-    assert decision == Decision(None, None, NOBODY, 0.0, novelty=True, position=-1, schema=NOBODY)
+    assert decision == Decision(None, None, NO_NODE, 0.0, novelty=True, position=-1, schema=NO_NODE)
 
 
 @every_engine
@@ -362,7 +362,7 @@ def test_a_node_that_never_habituated_commands_nothing(engine: str, schemas: str
     network = make_network(engine, schemas, Towards())
     network.observe(torch.zeros(5, 2), torch.ones(5, 2), episode=0)
     decision = network.step(np.zeros(2, np.float32))
-    assert decision == Decision(None, None, 0, 1.0, novelty=False, position=-1, schema=NOBODY)
+    assert decision == Decision(None, None, 0, 1.0, novelty=False, position=-1, schema=NO_NODE)
 
 
 @every_engine
@@ -397,7 +397,7 @@ def test_it_follows_what_is_loaded(schemas: str):
     network.load_state_dict(other.state_dict())
     assert_steps_as_recalls(network, 1.5 * walk())
     network.load_state_dict(make_network(schemas=schemas).state_dict())
-    assert steps(network, walk())[50].winner == NOBODY
+    assert steps(network, walk())[50].winner == NO_NODE
 
 
 @every_kind

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from pacnet import NOBODY, Command, PIDConfig, PIDController
+from pacnet import NO_SCHEMA, Command, PIDConfig, PIDController
 from pacnet.competition.winner_take_all import CompetitionConfig
 from pacnet.network.schema_network import SchemaNetwork
 from pacnet.network.schema_network_config import SchemaNetworkConfig
@@ -84,7 +84,7 @@ def test_at_the_threshold_it_is_active():
 
 def test_the_winner_gives_the_target_and_nobody_commands_nothing():
     recall = line(threshold=0.25).recall(column(NEAR_0, NOWHERE, NEAR_4))
-    assert recall.winner.tolist() == [0, NOBODY, 1]
+    assert recall.winner.tolist() == [0, NO_SCHEMA, 1]
     assert recall.commanded.tolist() == [True, False, True]
     assert recall.targets.flatten().nan_to_num(-1).tolist() == [10, -1, 20]
 
@@ -128,7 +128,7 @@ def test_without_schemas_nobody_wins():
     assert activity.confidence.shape == activity.active.shape == (3, 0)
     assert activity.targets.shape == (3, 0, 2)
     acted = network.act(column(0, 1, 2), column(0, 0, 0))
-    assert acted.recall.winner.tolist() == [NOBODY] * 3
+    assert acted.recall.winner.tolist() == [NO_SCHEMA] * 3
     assert acted.candidates.shape == (3, 0, 1)
     assert acted.given.tolist() == [False] * 3
     assert acted.action.isnan().all()
@@ -173,7 +173,7 @@ def test_every_schemas_candidate_is_that_of_a_controller_of_its_own():
     # What each is asked for: its own target while active, else the winner's; nothing while nobody.
     asked = {0: (10.0, 11.0, 20.0, None, 11.0, 10.0), 1: (10.0, 21.0, 20.0, None, 21.0, 10.0)}
     active = {0: (0, 1, 4, 5), 1: (1, 2, 4)}
-    assert acted.recall.winner.tolist() == [0, 1, 1, NOBODY, 1, 0]
+    assert acted.recall.winner.tolist() == [0, 1, 1, NO_SCHEMA, 1, 0]
     for schema, targets in asked.items():
         own = pid()
         for sample, target in enumerate(targets):

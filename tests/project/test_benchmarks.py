@@ -169,7 +169,7 @@ def test_searches_by_a_matrix_product_find_what_the_map_finds(monkeypatch: pytes
 @pytest.fixture
 def taught() -> Imitator:
     lessons, _ = laps(2, 50)
-    imitator = Imitator.untaught(lessons)
+    imitator = Imitator.from_demonstrations(lessons)
     imitator.learn(lessons)
     return imitator.eval()
 

@@ -29,7 +29,7 @@ import torch
 from torch import Tensor, nn
 
 from pacnet import (
-    NOBODY,
+    NO_NODE,
     CompetingSchemas,
     CompetingSchemasConfig,
     HabituatingSOFM,
@@ -89,7 +89,7 @@ def shown(*episodes: Any) -> Demonstrations:
 @functools.cache
 def _network(kind: str, lessons: int) -> PACNet | Imitator:
     if kind == "imitator":
-        imitator = Imitator.untaught(shown(demonstration(0), demonstration(1)))
+        imitator = Imitator.from_demonstrations(shown(demonstration(0), demonstration(1)))
         imitator.learn(shown(*map(demonstration, range(lessons))))
         return imitator
     schemas = {
@@ -163,7 +163,7 @@ def use(model: Any) -> None:
         calls += [lambda: model.step(draw(8, 1)[0])] * 3
     else:
         percepts = lesson(9)[0][:5]
-        nodes = torch.tensor([0, NOBODY, 1, 2, 0])
+        nodes = torch.tensor([0, NO_NODE, 1, 2, 0])
         calls += [lambda: network.schemas.recall_samples(nodes, percepts)]
         calls += [lambda: network.attend(percepts), lambda: network(percepts)]
     if hasattr(network, "schemas") and isinstance(network.schemas, CompetingSchemas):
@@ -422,7 +422,7 @@ def two_million_nodes(engine: str) -> None:
             "time": torch.tensor(0),
             "nodes.prototype": torch.arange(count, dtype=torch.float32)[:, None],
             "nodes.habituation": torch.ones(count),
-            "nodes.habituated_at": torch.full((count,), NOBODY),
+            "nodes.habituated_at": torch.full((count,), NO_NODE),
             "edges.ends": torch.zeros(0, 2, dtype=torch.int64),
             "edges.age": torch.zeros(0, dtype=torch.int64),
         }
@@ -1050,7 +1050,7 @@ BREAKS = {
     "pacnet.schemas.consolidation._compare": SEVERAL,
     "pacnet.network.network.Acting": (*ONE_A_NODE, *SEVERAL),
     "pacnet.network.network.adopt": (*ONE_A_NODE, *SEVERAL),
-    "pacnet.imitator.imitator.Lesson": ("imitator",),
+    "pacnet.imitator.imitator.EpisodeReport": ("imitator",),
     "pacnet.imitator.novelty.Familiarity._note": ("imitator",),
     "pacnet.core.growable_rows.GrowableRows.extend": (*ONE_A_NODE, *SEVERAL),
     "pacnet.core.growable_rows.GrowableRows.show": ("map", *ONE_A_NODE, *SEVERAL),

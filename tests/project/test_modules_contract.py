@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from pacnet import (
-    NOBODY,
+    NO_NODE,
     CompetingSchemas,
     CompetingSchemasConfig,
     HabituatingSOFM,
@@ -177,7 +177,7 @@ def learn_competing(schemas: CompetingSchemas, percepts: Tensor, targets: Tensor
 
 def use_competing(schemas: CompetingSchemas, percepts: Tensor, _targets: Tensor) -> Tensors:
     schemas.reset()
-    nodes = range(4) if len(schemas) else [NOBODY]
+    nodes = range(4) if len(schemas) else [NO_NODE]
     answers = [
         schemas.recall(nodes[sample % len(nodes)], percept)
         for sample, percept in enumerate(percepts)
@@ -667,7 +667,7 @@ class PlainMap:
         inserted: bool = False,
     ) -> dict[str, object]:
         """What is told of a percept that the map attends to."""
-        numbers = [NOBODY if node is None else self.nodes.index(node) for node in (best, second)]
+        numbers = [NO_NODE if node is None else self.nodes.index(node) for node in (best, second)]
         return {
             "winner": numbers[0], "runner_up": numbers[1], "activation": activation,
             "novelty": novelty, "attended": True, "inserted": inserted, "ignored": False,
@@ -783,7 +783,7 @@ def assert_agree(sofm: HabituatingSOFM, plain: PlainMap) -> None:
     )
     assert sofm.habituation.tolist() == pytest.approx(habituation, abs=1e-6)
     assert sofm.nodes.live("habituated_at").tolist() == [
-        NOBODY if node.asleep_since is None else node.asleep_since for node in plain.nodes
+        NO_NODE if node.asleep_since is None else node.asleep_since for node in plain.nodes
     ]
 
 

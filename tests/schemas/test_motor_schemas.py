@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from pacnet import NOBODY, MotorSchemas, MotorSchemasConfig
+from pacnet import NO_NODE, MotorSchemas, MotorSchemasConfig
 
 
 def make_schemas(nodes: int = 2, **fields: object) -> MotorSchemas:
@@ -260,10 +260,10 @@ def test_a_node_that_there_is_not_is_refused():
 def test_nobody_recalls_nothing():
     schemas = make_schemas()
     write(schemas, 0, 1)
-    assert schemas.recall(NOBODY, torch.zeros(1)) is None
-    recalled = schemas.recall_samples(torch.tensor([NOBODY, 0]), torch.zeros(2, 1))
+    assert schemas.recall(NO_NODE, torch.zeros(1)) is None
+    recalled = schemas.recall_samples(torch.tensor([NO_NODE, 0]), torch.zeros(2, 1))
     assert recalled.position.tolist() == [-1, 0]
-    assert recalled.schema.tolist() == [NOBODY, 0]
+    assert recalled.schema.tolist() == [NO_NODE, 0]
     assert recalled.target.isnan().flatten().tolist() == [True, False]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from pacnet import NOBODY, CompetingSchemas, CompetingSchemasConfig
+from pacnet import NO_NODE, CompetingSchemas, CompetingSchemasConfig
 from pacnet.schemas.sequences import Samples
 from pacnet.schemas.visits import Pass, assign, means_going_on
 
@@ -158,11 +158,11 @@ def test_episodes_with_deletions_are_the_same_to_the_bit_in_any_portions(seed: i
 def test_samples_are_assigned_to_the_pass_that_may_go_on():
     # Node 1 was there two samples ago; from 10 on it may be away for three.
     recent = Pass(node=1, last=8, number=0)
-    passes = assign([2, 1, NOBODY, 2, 1, 2, 2, 2, 2, 1], 10, [recent], continuation=3)
+    passes = assign([2, 1, NO_NODE, 2, 1, 2, 2, 2, 2, 1], 10, [recent], continuation=3)
     assert [(each.node, each.number, each.samples, each.last) for each in passes] == [
         (1, 0, [1, 4], 14),
-        (2, NOBODY, [0, 3, 5, 6, 7, 8], 18),
-        (1, NOBODY, [9], 19),  # five after 14
+        (2, NO_NODE, [0, 3, 5, 6, 7, 8], 18),
+        (1, NO_NODE, [9], 19),  # five after 14
     ]
 
 

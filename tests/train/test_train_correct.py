@@ -64,7 +64,7 @@ def given():
 
 @pytest.fixture(scope="module")
 def imitator(given):
-    made = Imitator.untaught(given)
+    made = Imitator.from_demonstrations(given)
     made.learn(given)
     return made.eval()
 
@@ -245,9 +245,9 @@ def test_an_imitator_or_a_dataset_of_something_else_is_refused(imitator, given):
     with pytest.raises(ValueError, match=r"got .* at 25"):
         check(imitator, Demonstrations(25, FEATURES, given.episodes))
     with pytest.raises(ValueError, match="learned something"):
-        check(Imitator.untaught(given), given)
+        check(Imitator.from_demonstrations(given), given)
     with pytest.raises(ValueError, match="keeps states"):
-        check(Imitator.untaught(given, "state"), given)
+        check(Imitator.from_demonstrations(given, "state"), given)
 
 
 def test_a_missing_checkpoint_is_one_line(tmp_path, monkeypatch):
@@ -262,7 +262,7 @@ def taught(dataset, seed, count):
     """Demonstrations that are recorded, and an imitator that has learned them."""
     record(dataset, seed, count)
     demonstrations = load_demonstrations(dataset)
-    imitator = Imitator.untaught(demonstrations)
+    imitator = Imitator.from_demonstrations(demonstrations)
     imitator.learn(demonstrations)
     return demonstrations, imitator
 

@@ -171,7 +171,7 @@ def test_ctrl_c_while_recalling_keeps_dataset_and_checkpoint(tmp_path: Path):
 
 
 def test_scores_are_the_means_of_hand_made_episodes():
-    from pacnet import NOBODY
+    from pacnet import NO_NODE
     from train.postural.episodes import RecallEpisode
     from train.postural.scores import score_episodes, score_order
 
@@ -182,7 +182,7 @@ def test_scores_are_the_means_of_hand_made_episodes():
             percepts=np.zeros((samples, 28), dtype=np.float32),
             winners=np.array(winners),
             phases=np.full(samples, "lift"),
-            commanded=np.array(winners) != NOBODY,
+            commanded=np.array(winners) != NO_NODE,
             demonstrator_wrist=line,
             imitator_wrist=line + np.array([0, offset, 0]),
             demonstrator_angles=np.zeros((samples, 11)),
@@ -195,7 +195,7 @@ def test_scores_are_the_means_of_hand_made_episodes():
 
     episodes = [
         episode(0.01, [0, 0, 0, 1, 1, 1], success=True),
-        episode(0.03, [0, 0, 0, NOBODY, NOBODY, NOBODY], success=False),
+        episode(0.03, [0, 0, 0, NO_NODE, NO_NODE, NO_NODE], success=False),
     ]
     scores = score_episodes(episodes)
     assert scores["task_success_rate"] == 0.5

@@ -25,8 +25,8 @@ from train.postural.episodes import (
 from train.postural.retraining.replicates import (
     POLICIES,
     UNSPOILED,
-    Lesson,
     Replicate,
+    TrainingRun,
     draw_replicates,
     record,
     shown_to,
@@ -115,7 +115,7 @@ def test_the_dataset_holds_the_demonstrations_with_their_mishaps(
 def test_each_network_learns_what_it_is_shown(replicate: Replicate, dataset: Path, tmp_path: Path):
     recorded = load_demonstrations(dataset)  # of which the second is spoiled
     for policy, shown in ((OVERWRITING, recorded.episodes), (UNSPOILED, recorded.episodes[:1])):
-        teach(Lesson(replicate, policy, dataset, tmp_path / policy, episodes=1))
+        teach(TrainingRun(replicate, policy, dataset, tmp_path / policy, episodes=1))
         network = make_network(NOVELTY_THRESHOLD)
         for number, demonstration in enumerate(shown):
             network.observe(demonstration.percepts, demonstration.action, number)
@@ -130,7 +130,7 @@ def test_the_networks_of_a_replicate_differ_in_their_schemas_alone(
 ):
     maps = []
     for policy in (OVERWRITING, SEVERAL):
-        teach(Lesson(replicate, policy, dataset, tmp_path / policy, episodes=1))
+        teach(TrainingRun(replicate, policy, dataset, tmp_path / policy, episodes=1))
         network = PACNet.from_pretrained(tmp_path / policy)
         assert network.config.schemas == POLICIES[policy].schemas
         maps.append(network.sofm)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from pacnet import NOBODY, MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
+from pacnet import NO_NODE, MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from pacnet.network.schema_network import SchemaNetwork
 from train.postural.episodes import (
     Condition,
@@ -111,7 +111,7 @@ def test_nodes_held_by_hysteresis_switch_later():
     percepts = np.array([[0.3], [0.52], [0.55], [0.7], [0.48], [9.0]], dtype=np.float32)
     # e^-.45 − e^-.55 = .06 is under the margin of .1, e^-.3 − e^-.7 = .24 is over it.
     assert MARGIN == 0.1
-    assert held_winners(network, percepts).tolist() == [0, 0, 0, 1, 1, NOBODY]
+    assert held_winners(network, percepts).tolist() == [0, 0, 0, 1, 1, NO_NODE]
 
 
 def runs(*pairs: tuple[int, int]) -> np.ndarray:
@@ -141,7 +141,7 @@ def episode(winners: np.ndarray, phases: tuple[str, ...], success: bool = True) 
 
 
 def hand_made() -> list[Episode]:
-    alternating = runs((1, 4), (2, 1), (6, 1), (4, 1), (2, 1), (6, 10), (NOBODY, 2))
+    alternating = runs((1, 4), (2, 1), (6, 1), (4, 1), (2, 1), (6, 10), (NO_NODE, 2))
     return [
         episode(alternating, ("approach",) * 4 + ("grasp",) * 3 + ("toast",) * 13),
         episode(runs((1, 10), (6, 10)), ("approach",) * 10 + ("toast",) * 10, success=False),
@@ -190,7 +190,7 @@ def test_duplicates_by_hand():
 
 def test_the_figures_say_what_is_shown():
     scene = Behaviour("toast", ("rest",) * 5 + ("approach",) * 5, (1, 6))
-    won, confidences = runs((1, 5), (6, 3), (NOBODY, 2)), np.full((10, 7), 0.5)
+    won, confidences = runs((1, 5), (6, 3), (NO_NODE, 2)), np.full((10, 7), 0.5)
     figure = winners_and_confidences(scene, won, confidences, 0.02, (2, 6))
     assert figure.axes[0].get_title("left").endswith("shown toast: 1-6")
     assert [text.get_text() for text in figure.axes[0].texts] == ["approach"]

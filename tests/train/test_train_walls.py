@@ -21,7 +21,7 @@ from envs.arena import make_arena
 from envs.arena_physics import ArenaPhysics
 from envs.khepera import INFRARED_NAMES, MAX_WHEEL_SPEED, wheel_speeds
 from envs.wall_behaviours import CRUISE, MAX_TURN
-from pacnet import NOBODY, Decision, MLPForwardModel, PACNet, TransitionMatrix
+from pacnet import NO_NODE, Decision, MLPForwardModel, PACNet, TransitionMatrix
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.recorder import Recorder
 from train import forward_model, wall_following
@@ -195,7 +195,7 @@ def test_the_teacher_drives_by_its_own_controller_in_the_learners_body():
     run = act_alone(Teacher("left"), Place("paper", wall="left"), 0, 100)
     assert (run.wall_side == 1).mean() > 0.9
     assert not run.commanded.any()
-    assert (run.winners == NOBODY).all()
+    assert (run.winners == NO_NODE).all()
 
 
 # Recalling
@@ -222,7 +222,7 @@ def test_a_network_that_knows_nothing_wanders():
     runs = [act_alone(driver, Place(1), 2, 150) for driver in (Recalling(network, 9), Wandering(9))]
     assert runs[0].poses.tobytes() == runs[1].poses.tobytes()
     assert runs[0].percepts.tobytes() == runs[1].percepts.tobytes()
-    assert (runs[0].winners == NOBODY).all()
+    assert (runs[0].winners == NO_NODE).all()
     assert not runs[0].commanded.any()
     assert not runs[0].abstained.any()
     other = act_alone(Wandering(10), Place(1), 2, 150)
@@ -236,7 +236,7 @@ def test_what_is_new_to_a_taught_network_makes_it_wander(learned: Learned):
     for _ in range(50):
         driven, alone = recalling.drive(novel), wandering.drive(novel)
         assert driven.action.tolist() == alone.action.tolist()
-        assert driven[1:] == (NOBODY, False, False)
+        assert driven[1:] == (NO_NODE, False, False)
 
 
 def test_a_network_drives_where_it_gives_an_action_and_the_robot_goes_on_with_it():

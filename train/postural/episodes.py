@@ -15,7 +15,7 @@ from scipy.signal import savgol_filter
 import envs  # noqa: F401  # registers the environment
 from envs.humanoid import JOINTS
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES, PosturalImitationEnv, percept
-from pacnet import NOBODY, PACNet
+from pacnet import NO_NODE, PACNet
 from train.common.pool import share_out
 
 TASK = "drink a glass of beer"
@@ -47,7 +47,7 @@ class RecallEpisode:
     """What happened while the imitator recalled. T steps."""
 
     percepts: NDArray[np.float32]  # [T, 28]
-    winners: NDArray[np.int64]  # [T], NOBODY where the match was not good enough
+    winners: NDArray[np.int64]  # [T], NO_NODE where the match was not good enough
     commanded: NDArray[np.bool_]  # [T]
     phases: NDArray[np.str_]  # [T] of the demonstration, when perceived
     demonstrator_wrist: NDArray[np.float64]  # [T, 3] [m], own body frame
@@ -139,7 +139,7 @@ def recall_episode(
         if commanded:
             target = decision.target
         observation, _, _, truncated, info = environment.step_to(target)
-        winner = NOBODY if decision.novelty else decision.winner
+        winner = NO_NODE if decision.novelty else decision.winner
         seen = {"percepts": percepts, "phases": phase, "winners": winner}
         steps.append({**info, **seen, "commanded": commanded})
         if after_step is not None:

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pacnet import NOBODY, PACNet
+from pacnet import NO_NODE, PACNet
 from pacnet.evaluation.metrics import (
     area_between_curves,
     joint_rms,
@@ -23,9 +23,9 @@ Scores = dict[str, float | int]
 
 
 def winners_of(network: PACNet, percepts: NDArray[np.float32]) -> NDArray[np.int64]:
-    """The winner at each percept `[T]`; `NOBODY` where the match is not good enough."""
+    """The winner at each percept `[T]`; `NO_NODE` where the match is not good enough."""
     reading = network(torch.from_numpy(percepts))
-    return torch.where(reading.novelty, NOBODY, reading.winner).numpy()
+    return torch.where(reading.novelty, NO_NODE, reading.winner).numpy()
 
 
 def score_order(episodes: Sequence[RecallEpisode], demonstration: NDArray[np.int64]) -> float:

@@ -15,7 +15,7 @@ import envs  # noqa: F401  # registers the environment
 from envs.khepera import MAX_WHEEL_SPEED
 from envs.wall_behaviours import Side, TrailFollower, WallFollower, Wanderer
 from envs.wall_following import WallFollowingEnv
-from pacnet import NOBODY, PACNet
+from pacnet import NO_NODE, PACNet
 from train.walls.scores import WallRun
 
 TAUGHT_SIDES: tuple[Side, Side] = ("left", "right")  # the order in which they are taught
@@ -27,7 +27,7 @@ class Driven(NamedTuple):
     """What drove the robot in one step."""
 
     action: NDArray[np.float32]  # (2,) shares of the wheels' largest speed
-    winner: int = NOBODY  # node that won the percept
+    winner: int = NO_NODE  # node that won the percept
     commanded: bool = False  # by the network, not by the default behaviour
     abstained: bool = False  # a target was recalled, but the forward model gave no action
 
@@ -86,7 +86,7 @@ class Recalling:
     def drive(self, percept: NDArray[np.float32]) -> Driven:
         """What to do on a percept (6,)."""
         decision = self._network.step(percept)
-        winner = NOBODY if decision.novelty else decision.winner
+        winner = NO_NODE if decision.novelty else decision.winner
         if decision.action is not None:
             self._wanderer.take_over(MAX_WHEEL_SPEED * decision.action)
             return Driven(decision.action, winner, commanded=True)

@@ -116,7 +116,7 @@ class Training:
         new = self._demonstrations([one for one in shown if content_of(one) not in self.known])
         if self.base is None:
             targets = cast(Any, self.config.targets)
-            imitator = Imitator.untaught(new, targets, self.config.lead)
+            imitator = Imitator.from_demonstrations(new, targets, self.config.lead)
         else:
             imitator = copy.deepcopy(self.base)
         imitator.learn(new)

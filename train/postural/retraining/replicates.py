@@ -108,7 +108,7 @@ def _draw_mishaps(seed: int, demonstrations: int, number: int) -> tuple[str | No
 
 
 @dataclass(frozen=True)
-class Lesson:
+class TrainingRun:
     """One network of one replicate.
 
     Attributes:
@@ -149,25 +149,25 @@ def shown_to(policy: Policy, replicate: Replicate) -> list[int]:
     return first + [place for place, bad in enumerate(spoiled) if bad]
 
 
-def teach(lesson: Lesson) -> None:
+def teach(run: TrainingRun) -> None:
     """A network learns its demonstrations, each once, and is saved."""
-    policy = POLICIES[lesson.policy]
-    recorded = load_demonstrations(lesson.dataset)
+    policy = POLICIES[run.policy]
+    recorded = load_demonstrations(run.dataset)
     shown = tuple(
         replace(recorded.episodes[place], episode=number)
-        for number, place in enumerate(shown_to(policy, lesson.replicate))
+        for number, place in enumerate(shown_to(policy, run.replicate))
     )
     network = PACNet(replace(make_network(NOVELTY_THRESHOLD).config, schemas=policy.schemas))
     learn(network, replace(recorded, episodes=shown))
-    network.save_pretrained(lesson.checkpoint)
+    network.save_pretrained(run.checkpoint)
 
 
-def teach_and_score(lesson: Lesson) -> Scores:
+def teach_and_score(run: TrainingRun) -> Scores:
     """Teaches a network, loads it, and scores it on episodes in which nothing goes wrong."""
-    teach(lesson)
-    network = PACNet.from_pretrained(lesson.checkpoint).eval()
+    teach(run)
+    network = PACNet.from_pretrained(run.checkpoint).eval()
     environment = make_environment(Condition())
-    seeds = recall_seeds(lesson.replicate.seed, lesson.episodes)
+    seeds = recall_seeds(run.replicate.seed, run.episodes)
     scores = score_episodes([recall_episode(network, environment, seed) for seed in seeds])
     schemas = int((network.schemas.lengths > 0).sum())
     return {"nodes": len(network.sofm), "schemas": schemas, **scores}
@@ -184,19 +184,21 @@ def run_replicates(
         episodes: of each replicate to recall.
     """
     datasets = [folder / "dataset" / f"replicate-{number}" for number in range(len(replicates))]
-    lessons = [
-        Lesson(replicate, policy, dataset, folder / "checkpoint" / dataset.name / policy, episodes)
+    runs = [
+        TrainingRun(
+            replicate, policy, dataset, folder / "checkpoint" / dataset.name / policy, episodes
+        )
         for replicate, dataset in zip(replicates, datasets, strict=True)
         for policy in POLICIES
     ]
-    steps = len(replicates) + len(lessons)
+    steps = len(replicates) + len(runs)
     with processes() as pool, tqdm(total=steps, desc="retraining", unit="step") as progress:
         for _ in pool.map(record, replicates, datasets):
             progress.update()
         done: dict[str, Scores] = {}
-        for lesson, scores in zip(lessons, pool.map(teach_and_score, lessons), strict=True):
+        for run, scores in zip(runs, pool.map(teach_and_score, runs), strict=True):
             progress.update()
-            done[lesson.policy] = scores
+            done[run.policy] = scores
             if len(done) == len(POLICIES):
                 yield done
                 done = {}

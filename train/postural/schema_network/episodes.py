@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from envs.postural_imitation import PosturalImitationEnv, percept
-from pacnet import NOBODY, PACNet
+from pacnet import NO_NODE, PACNet
 from pacnet.competition.winner_take_all import Competition, CompetitionConfig
 from pacnet.network.schema_network import SchemaNetwork
 from pacnet.network.schema_network_config import SchemaNetworkConfig
@@ -179,10 +179,10 @@ class _Worker:
 
 
 def schemas_winning(network: SchemaNetwork, percepts: NDArray[np.float32]) -> NDArray[np.int64]:
-    """The schemas that win `[T]`, numbered from 1; `NOBODY` where none is active."""
+    """The schemas that win `[T]`, numbered from 1; `NO_NODE` where none is active."""
     network.reset()
     winner = network.recall(torch.from_numpy(percepts)).winner
-    return torch.where(winner == NOBODY, NOBODY, winner + 1).numpy()
+    return torch.where(winner == NO_NODE, NO_NODE, winner + 1).numpy()
 
 
 def held_winners(network: PACNet, percepts: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pacnet import NOBODY
+from pacnet import NO_NODE
 from pacnet.evaluation.metrics import switches, winner_order
 from train.postural.schema_network.episodes import SCHEMAS, Episode
 
@@ -43,8 +43,10 @@ def strict_order(winners: NDArray[np.int64], schemas: Sequence[int]) -> tuple[in
     Runs under three samples are left out, and the behaviour's own one of schemas 2 and 6 stands for
     both.
     """
-    own = next((schema for schema in GRASPING if schema in schemas), NOBODY)
-    folded = [own if own != NOBODY and node in GRASPING else node for node in winner_order(winners)]
+    own = next((schema for schema in GRASPING if schema in schemas), NO_NODE)
+    folded = [
+        own if own != NO_NODE and node in GRASPING else node for node in winner_order(winners)
+    ]
     return tuple(node for node, _ in groupby(folded))
 
 
@@ -58,7 +60,7 @@ def score_system(episodes: Sequence[Episode], system: str) -> dict[str, float]:
     winners = [episode.winners[system] for episode in episodes]
     scores = {
         "switches": _mean(map(switches, winners)),
-        "nobody_share": _mean((won == NOBODY).mean() for won in winners),
+        "nobody_share": _mean((won == NO_NODE).mean() for won in winners),
     }
     if all(system in episode.success for episode in episodes):
         scores["task_success_rate"] = _mean(episode.success[system] for episode in episodes)
@@ -79,13 +81,13 @@ def score_schemas(episodes: Sequence[Episode], system: str) -> dict[str, Any]:
     own = SCHEMAS[episodes[0].behaviour]
     winners = [episode.winners[system] for episode in episodes]
     phases = [episode.shown.phases for episode in episodes]
-    turns = [_changes(np.where(np.isin(won, GRASPING), won, NOBODY)) for won in winners]
+    turns = [_changes(np.where(np.isin(won, GRASPING), won, NO_NODE)) for won in winners]
     every = [_changes(won) for won in winners]
     pairs = Counter("-".join(map(str, sorted(pair))) for changes in every for _, *pair in changes)
     return {
         "in_order_rate": _mean(order_of_medians(won, own) == own for won in winners),
         "strictly_in_order_rate": _mean(strict_order(won, own) == own for won in winners),
-        "own_share": _mean(np.isin(won[won != NOBODY], own).mean() for won in winners),
+        "own_share": _mean(np.isin(won[won != NO_NODE], own).mean() for won in winners),
         "alternations_2_6": _mean(map(len, turns)),
         "alternations_2_6_by_phase": _by_phase(turns, phases),
         "switches_by_phase": _by_phase(every, phases),
