@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+import pacnet
 from pacnet.cli import explain, export, fit, info, watch
 from pacnet.cli.parsing import Formatter
 
@@ -67,6 +68,7 @@ def make_parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=Formatter,
     )
+    parser.add_argument("--version", action="version", version=f"pacnet {pacnet.__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in _COMMANDS:
         command.add_to(commands)

@@ -24,6 +24,7 @@ from matplotlib.image import imread
 from safetensors.torch import load_file
 from tqdm import tqdm
 
+import pacnet
 from pacnet.cli import main
 from pacnet.cli.explanation import explain
 from pacnet.cli.explanation_text import print_explanation
@@ -140,6 +141,11 @@ def assert_equal(imitator: Imitator, other: Imitator) -> None:
 
 
 # fit
+
+
+def test_it_tells_its_version(capsys: pytest.CaptureFixture[str]):
+    assert run("--version") == 0
+    assert capsys.readouterr().out == f"pacnet {pacnet.__version__}\n"
 
 
 def test_fit_prints_what_was_new_in_each_episode(

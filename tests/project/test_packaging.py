@@ -1,12 +1,16 @@
 """Claims about what `import pacnet` costs and what the wheel holds."""
 
+import importlib.metadata
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+
+import pacnet
 
 PROJECT = Path(__file__).parents[2]
 LEFT_OUT = (
@@ -39,9 +43,22 @@ def test_the_command_line_explains_itself_without_torch():
     assert loaded("import pacnet.cli; pacnet.cli.make_parser()", ("torch", "numpy")) == ""
 
 
-def test_pacnet_has_the_names_that_it_lists_and_no_others():
-    import pacnet
+def test_the_version_is_that_of_pyproject_and_needs_no_torch():
+    declared = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]["version"]
+    assert pacnet.__version__ == declared
+    assert "__version__" in dir(pacnet)
+    assert loaded("import pacnet; pacnet.__version__", ("torch", "numpy")) == ""
 
+
+def test_without_an_installed_distribution_the_version_is_unknown(monkeypatch: pytest.MonkeyPatch):
+    def missing(name: str) -> str:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", missing)
+    assert pacnet.__version__ == "0+unknown"
+
+
+def test_pacnet_has_the_names_that_it_lists_and_no_others():
     assert set(pacnet.__all__) <= set(dir(pacnet))
     assert all(getattr(pacnet, name) is not None for name in pacnet.__all__)
     with pytest.raises(AttributeError, match="no attribute 'Teacher'"):
