@@ -91,6 +91,10 @@ class HabituatingSOFM(nn.Module):
         """The number of nodes."""
         return len(self.nodes)
 
+    def extra_repr(self) -> str:
+        """Return the size of the map, for `print`."""
+        return f"nodes={len(self)}, edges={len(self.edges)}, dimensions={self.config.dimensions}"
+
     @property
     def prototypes(self) -> Tensor:
         """The nodes in the percept's units, `[N, D]`."""

@@ -105,6 +105,11 @@ class CompetingSchemas(Sequences):
         """The number of nodes."""
         return int(check_storage("nodes", self.nodes))
 
+    def extra_repr(self) -> str:
+        """Return how much is stored, for `print`."""
+        stored = f"schemas={len(self.blocks)}, episodes={len(self.episodes)}"
+        return f"{super().extra_repr()}, {stored}, behaviours={self.behaviours}"
+
     def get_extra_state(self) -> Tensor:
         """The behaviours' names, as the bytes of a JSON list, uint8."""
         names = list(json.dumps(self.behaviours).encode())

@@ -90,6 +90,11 @@ class GrowableRows(nn.Module):
             return buffer.shape[0] if buffer.dim() else 0  # pyright: ignore[reportOptionalMemberAccess]
         return 0
 
+    def extra_repr(self) -> str:
+        """Return the number of rows and what each holds, for `print`."""
+        columns = (f"{name}{list(column.shape) or ''}" for name, column in self.columns.items())
+        return f"rows={len(self)}, columns=({', '.join(columns)})"
+
     def live(self, name: str) -> Tensor:
         """A column, `[len(self), *shape]`, valid until the next change.
 

@@ -164,6 +164,12 @@ class Imitator(nn.Module):
         """
         return cls(choose_settings(demonstrations, targets, lead), engine)
 
+    def extra_repr(self) -> str:
+        """Return the number of demonstrations learned and the dimensions, for `print`."""
+        percepts, actions = len(self.percept_names), len(self.config.action)
+        lengths = f"percept_dimensions={percepts}, action_dimensions={actions}"
+        return f"demonstrations={len(self.lessons)}, {lengths}, fps={self.config.fps}"
+
     @property
     def percept_names(self) -> tuple[str, ...]:
         """Names of a percept's D dimensions."""

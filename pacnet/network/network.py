@@ -146,6 +146,11 @@ class PACNet(nn.Module):
         copy_on_state_dict(self)
         check_on_load(self)
 
+    def extra_repr(self) -> str:
+        """Return the lengths of percepts and targets, for `print`."""
+        percepts, targets = self.config.attention.dimensions, self.config.schemas.target_dimensions
+        return f"percept_dimensions={percepts}, target_dimensions={targets}"
+
     @property
     def behaviours(self) -> tuple[str, ...]:
         """Names of what was shown, in the order of their first time; () with one schema a node."""

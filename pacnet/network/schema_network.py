@@ -116,6 +116,12 @@ class SchemaNetwork(nn.Module):
         """The number S of schemas."""
         return len(self.sequences)
 
+    def extra_repr(self) -> str:
+        """Return how much is stored, for `print`."""
+        lengths = f"schemas={len(self)}, targets={int(self.lengths.sum())}"
+        percepts, targets = self.config.percept_dimensions, self.config.target_dimensions
+        return f"{lengths}, percept_dimensions={percepts}, target_dimensions={targets}"
+
     @property
     def lengths(self) -> Tensor:
         """Number of percepts, and of targets, of each schema, int64 `[S]`."""

@@ -103,6 +103,11 @@ class Sequences(nn.Module):
         )
         self.register_state_dict_pre_hook(compact)
 
+    def extra_repr(self) -> str:
+        """Return how much is stored, for `print`."""
+        width = self.pool.columns["target"].shape[0]
+        return f"nodes={len(self)}, targets={int(self.lengths.sum())}, target_dimensions={width}"
+
     @property
     def lengths(self) -> Tensor:
         """Number of targets of each sequence, int64 `[N]`."""
