@@ -25,13 +25,14 @@ LESSONS, SHORT = 200, 50  # demonstrations that are learned meanwhile, and frame
 _Times = TypeVar("_Times")
 WANTED = 5  # [ms], of all but one step in a thousand
 
-TEXT = f"""`Imitator.step` by an imitator of {SHOWN} demonstrations of {LENGTH} frames, {DIMENSIONS}
-dimensions and {JOINTS} actions. Beside it another thread of the same process lets the same imitator
-learn {LESSONS} demonstrations of {SHORT} frames, one call of `Imitator.learn` each. The steady loop
-steps {RATE} times a second and sleeps in between, until the last demonstration is learned; the busy
-one takes {BUSY:,} steps without a pause. Alone they take {STEADY:,} and {BUSY:,}. A step's time is
-that of the call; «from when it was due» adds what the loop woke up late. Everything was compiled
-before. One thread each, and one interpreter: each has to wait until the other lets go of it.
+TEXT = f"""`Imitator.step` of an imitator that has learned {SHOWN} demonstrations of {LENGTH}
+frames, {DIMENSIONS} dimensions and {JOINTS} actions. Meanwhile another thread of the same process
+lets the same imitator learn {LESSONS} demonstrations of {SHORT} frames, one call of
+`Imitator.learn` each. The steady loop steps {RATE} times a second and sleeps in between, until the
+last demonstration is learned; the busy loop takes {BUSY:,} steps without a pause. Alone they take
+{STEADY:,} and {BUSY:,} steps. The time of a step is that of the call; "from when it was due" adds
+the delay with which the loop woke up. All kernels were compiled before. Both threads share one
+interpreter, so each waits until the other releases it.
 """
 
 

@@ -25,11 +25,11 @@ DOES = {
     TORCH: "`addmm` and `topk`, in chunks",
 }
 
-TEXT = f"""{QUERIES:,} percepts of {DIMENSIONS} dimensions against {NODES:,} nodes; uniformly
+TEXT = f"""{QUERIES:,} percepts of {DIMENSIONS} dimensions against {NODES:,} nodes, uniformly
 random, all float32. Threads are set by `torch.set_num_threads` for pacnet and torch and by
-`faiss.omp_set_num_threads` for faiss; numpy's matrix product keeps the one thread that
-`OMP_NUM_THREADS=1` gave it. With vector instructions written by hand pacnet led faiss (0.75 ×); in
-plain numba it does not.
+`faiss.omp_set_num_threads` for faiss; numpy's matrix product always uses one thread
+(`OMP_NUM_THREADS=1`). An earlier version with hand-written vector instructions was faster than
+faiss (0.75 ×); plain numba is slower.
 """
 
 

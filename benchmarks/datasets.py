@@ -33,16 +33,16 @@ KILLED_AFTER = 20  # episodes
 PACKAGES = ("lerobot", "torch", "pyarrow")  # whose versions the tables name
 WANTED_WRITING, WANTED_READING = 5, 20
 
-WRITING = f"""{EPISODES} episodes of {LENGTH:,} frames of {DIMENSIONS} numbers into a new dataset,
-imports left out. LeRobot is given whole episodes (`save_episode(episode_data=...)`), which is its
-fastest way. `Recorder` flushes every episode to the disk before it goes on.
+WRITING = f"""Writing {EPISODES} episodes of {LENGTH:,} frames of {DIMENSIONS} numbers to a new
+dataset, without imports. LeRobot receives whole episodes (`save_episode(episode_data=...)`), its
+fastest way. `Recorder` flushes every episode to the disk before it continues.
 """
-READING = f"""All {FRAMES:,} frames of such a dataset as tensors. `ds[i]` is LeRobot's way to one
-frame, measured over {SAMPLED} at random; its dataset is already open, while `load_demonstrations`
-begins with the files.
+READING = f"""All {FRAMES:,} frames of such a dataset as tensors. `ds[i]` is LeRobot's access to one
+frame, measured over {SAMPLED} random frames. LeRobot's dataset is already open, while
+`load_demonstrations` starts from the files.
 """
 KILLING = f"""A process that records such a dataset is killed as soon as `save_episode` has returned
-for the {KILLED_AFTER}th time; then the dataset is completed, where there is a way to, and read.
+for the {KILLED_AFTER}th time. Then the dataset is recovered, if there is a way to, and read.
 """
 CHILD = """
 from benchmarks import datasets

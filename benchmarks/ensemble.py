@@ -13,9 +13,9 @@ from pacnet import HabituatingSOFM, SOFMEnsemble
 
 MAPS, THREADS = 64, 2
 
-TEXT = f"""{MAPS} maps with preset `gwr`, each with its own stream, learned from empty. The one
-call uses {THREADS} threads (`torch.set_num_threads`), of {{cores}} cores. Of short streams, what
-Python does for each map is the larger part, and that the threads cannot share.
+TEXT = f"""{MAPS} maps with preset `gwr`, each with its own stream, learned from empty. The single
+call uses {THREADS} threads (`torch.set_num_threads`) on {{cores}} cores. For short streams, most of
+the time goes to Python code for each map, which threads cannot run in parallel.
 """
 
 

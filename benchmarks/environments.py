@@ -21,11 +21,11 @@ HUMANOIDS, ARENA = "pacnet/PosturalImitation-v0", "pacnet/WallFollowing-v0"
 EPISODES, CONTROL_STEPS = 8, 325  # as long as the shortest demonstration
 TURN = 25  # control steps
 
-TEXT = f"""The environment runs {TURN} control steps; then bare `mj_step` runs as many of the same
-model from the state in which those began, with their controls and as many substeps. Medians over
-all such turns in {EPISODES} episodes, one thread. `step` is called as `gymnasium.make` gives it;
-`step_to` takes angles. Both humanoids move: one shows how it drinks, the other does likewise. In
-the arena the learner wanders, and the teacher follows walls.
+TEXT = f"""The environment runs {TURN} control steps. Then plain `mj_step` runs the same model from
+the same state, with the same controls and number of substeps. Medians over all such turns in
+{EPISODES} episodes, one thread. `step` is that of the environment from `gymnasium.make`; `step_to`
+takes angles. Both humanoids move: one demonstrates drinking, the other imitates it. In the arena
+the learner wanders, and the teacher follows walls.
 """
 
 
@@ -108,8 +108,8 @@ def measure() -> list[Table]:
         for case in cases:
             measured[case.name] += episode(case, seed)
     rows = [_row(case, measured[case.name]) for case in cases]
-    columns = ("what", "control steps/s", "bare `mj_step`", "ratio", "wanted")
-    return [Table("The scenes, beside bare physics", TEXT, columns, rows)]
+    columns = ("what", "control steps/s", "plain `mj_step`", "ratio", "wanted")
+    return [Table("The scenes, compared with plain physics", TEXT, columns, rows)]
 
 
 def _row(case: Case, turns: list[Turn]) -> tuple[str, ...]:

@@ -23,8 +23,8 @@ RUNS = 5
 WANTED = 6  # [s]
 
 TEXT = f"""A dataset of {EPISODES} episodes of {LENGTH:,} frames: {DIMENSIONS} dimensions perceived,
-{JOINTS} actions, noisy laps on one smooth closed path at paces of their own. Median over {RUNS}
-fresh processes. Its kernels were compiled before.
+{JOINTS} actions, noisy laps on one smooth closed path at different paces. Median over {RUNS} fresh
+processes. All kernels were compiled before.
 """
 
 

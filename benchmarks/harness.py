@@ -90,7 +90,7 @@ def number(value: float) -> str:
 
 
 def factor(value: float) -> str:
-    """A ratio, as in «2.4 ×»."""
+    """A ratio, as in `2.4 ×`."""
     return number(value) + " ×"
 
 

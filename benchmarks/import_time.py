@@ -43,11 +43,11 @@ for percept in wave[:3].numpy():
     imitator.step(percept)
 """
 
-TEXT = """Medians over {runs} fresh processes, in turn; the interpreter's own start is left out.
+TEXT = """Medians over {runs} fresh, interleaved processes, without the start of the interpreter.
 The calls are `observe`, `forward` and `step` of a map, `step` of the network of Experiment 2 with
 its forward model, loaded from its checkpoint, and `Imitator.learn` of three short demonstrations,
-then three of `Imitator.step`. The first ones after an installation compile their kernels (once,
-into an empty cache) and say so; later processes find them there.
+then three of `Imitator.step`. The first calls after an installation compile the kernels (once, into
+an empty cache) and print a message; later processes load them from the cache.
 """
 
 

@@ -17,9 +17,8 @@ DIMENSIONS, THRESHOLD = 6, 0.7
 WANTED = 5  # MB that it may grow by from the first tenth to the last
 STATUS = Path("/proc/self/statm")  # pages; resident ones in the second place
 
-TEXT = f"""{SAMPLES:,} percepts of {DIMENSIONS} dimensions, made on the way in chunks of
-{CHUNK:,}, each learned by one `observe` (preset `paper`, whose nodes forget after 10,000
-samples).
+TEXT = f"""{SAMPLES:,} percepts of {DIMENSIONS} dimensions, generated in chunks of {CHUNK:,}, each
+chunk learned by one `observe` (preset `paper`, whose nodes forget after 10,000 samples).
 """
 
 

@@ -19,10 +19,10 @@ SAMPLES = {1_000: 20_000, 10_000: 4_000, 100_000: 400}  # of each number of node
 NEAR = 0.02  # standard deviation of a sample around its node; nodes lie in [0, 1]
 ROW = 4 * DIMENSIONS  # bytes of a prototype
 
-TEXT = f"""Every sample lies near one of the nodes, is learned by it and its neighbours, and
-makes no node (preset `gwr`, {DIMENSIONS} dimensions, one thread). To find the winner each
-prototype is read once; beside it stands how fast a C loop reads as many bytes again and again,
-in the same run.
+TEXT = f"""Every sample lies near one of the nodes, is learned by it and its neighbours, and adds no
+node (preset `gwr`, {DIMENSIONS} dimensions, one thread). Finding the winner reads each prototype
+once. For comparison, the last column shows how fast a C loop reads the same number of bytes
+repeatedly, in the same run.
 """
 
 

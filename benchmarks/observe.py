@@ -28,8 +28,9 @@ FLOOR, COMPILED = "C loop", "pacnet, compiled"
 GROWING = ("numpy", *(name for name, peer in PEERS.items() if peer.grows))
 
 TEXT = """One pass from an empty map over {samples:,} percepts of {dimensions} dimensions: noisy
-laps on {behaviours} smooth path{s} through {via} via points. Thresholds {paper} (`paper`) and
-{gwr} (`gwr`). One thread. Peers are compared with the slower preset of the compiled engine.
+laps on {behaviours} smooth path{s} through {via} via points. Thresholds {paper} (`paper`) and {gwr}
+(`gwr`). One thread. The column "pacnet is faster by" refers to the slower preset of the compiled
+engine.
 """
 
 

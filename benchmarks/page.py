@@ -10,13 +10,14 @@ PAGE = Path(__file__).parents[1] / "docs" / "performance.md"
 
 INTRO = """# Performance
 
-How fast pacnet learns and recalls, beside a C loop that does the same, and beside what else Python
-offers. `python -m benchmarks` measures everything and writes this page; `python -m benchmarks.NAME`
-measures one part of it. The peers come with `pip install -e '.[benchmarks]'`.
+How fast pacnet learns and recalls, compared with a C loop that does the same and with other Python
+libraries. `python -m benchmarks` measures everything and writes this page;
+`python -m benchmarks.NAME` measures one part of it. Both need a clone; the other libraries come
+with `pip install -e '.[benchmarks]'`.
 
-Those who are compared run in one process and take turns, so that a busy machine slows all of them
-alike; a time is the median of the runs. The ratios should hold elsewhere, the times belong to the
-machine at the end of the page. «Wanted» is what was set as the goal before it was measured.
+Runs are interleaved in one process, so background load affects all alike; a time is the median of
+the runs. The ratios should hold elsewhere, the times belong to the machine at the end of the page.
+The columns `wanted` hold the goals that were set before the measurement.
 """
 
 MACHINE = "## Machine and versions"

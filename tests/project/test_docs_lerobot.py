@@ -12,17 +12,17 @@ import torch
 PROJECT = Path(__file__).parents[2]
 PAGE = (PROJECT / "docs/lerobot.md").read_text()
 BLOCKS = re.findall(r"^```(sh|python)\n(.*?)^```", PAGE, flags=re.DOTALL | re.MULTILINE)
-FOLDER = "runs/lerobot"
 
 
 def run(language: str, code: str, folder: Path) -> None:
-    """Runs a block of the page, in a folder of its own, with the commands of this environment."""
+    """Run a block of the page in a folder outside the clone, as the page says to set it up."""
     program = ["bash", "-euc"] if language == "sh" else [sys.executable, "-c"]
     commands = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    found = os.pathsep.join(filter(None, [str(PROJECT), os.environ.get("PYTHONPATH")]))
     done = subprocess.run(
-        [*program, code.replace(FOLDER, str(folder))],
-        cwd=PROJECT,
-        env={**os.environ, "PATH": commands},
+        [*program, code],
+        cwd=folder,
+        env={**os.environ, "PATH": commands, "PYTHONPATH": found},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -57,5 +57,5 @@ def test_the_page_shows_each_command():
 
 
 def test_its_files_are_there():
-    for path in set(re.findall(r"`((?:pacnet|tests)/\w+\.py)`", PAGE)):
+    for path in set(re.findall(r"`((?:pacnet|tests)/[\w/]+\.py)`", PAGE)):
         assert (PROJECT / path).is_file(), path

@@ -11,7 +11,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from pacnet import HabituatingSOFM, Observation
 
-# «TensorFlow installation not found» is no news: the projector needs none.
+# "TensorFlow installation not found" can be ignored: the projector needs none.
 logging.getLogger("tensorboard").setLevel(logging.ERROR)
 
 

@@ -35,7 +35,10 @@ def score_order(episodes: Sequence[RecallEpisode], demonstration: NDArray[np.int
 
 
 def score_episodes(episodes: Sequence[RecallEpisode]) -> Scores:
-    """Means over one or more episodes, but the largest of all maxima; README defines each."""
+    """Return means over one or more episodes, and the largest of all maxima.
+
+    `docs/experiments.md` defines each.
+    """
     distances = [path_distances(e.demonstrator_wrist, e.imitator_wrist) for e in episodes]
     areas = [area_between_curves(e.demonstrator_wrist, e.imitator_wrist) for e in episodes]
     joints = [joint_rms(e.demonstrator_angles, e.imitator_angles).whole for e in episodes]
