@@ -22,7 +22,9 @@ README, INDEX = TEXTS["README.md"], TEXTS["docs/index.md"]
 EXPERIMENTS, BEHAVIOURS = TEXTS["docs/experiments.md"], TEXTS["docs/behaviours.md"]
 PERFORMANCE = TEXTS["docs/performance.md"]
 KEYS = ("wf", "tight", "energy")
-MODULES = sorted(set(re.findall(r"python -m ((?:train|benchmarks)\.\w+)", "".join(TEXTS.values()))))
+MODULES = sorted(
+    set(re.findall(r"python -m ((?:train|benchmarks)\.[a-z]\w*)", "".join(TEXTS.values())))
+)
 _SNIPPET = re.compile(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)
 SNIPPETS = {  # of each page: code, and what the page says that it prints
     name: _SNIPPET.findall(text)
