@@ -140,7 +140,7 @@ def record(folder: Path, seed: int, count: int) -> None:
 
 
 def make_competing_network() -> PACNet:
-    """An untaught network whose nodes keep several schemas."""
+    """An from_demonstrations network whose nodes keep several schemas."""
     recognition = RecognitionConfig(novel_above=NOVEL_ABOVE)
     schemas = CompetingSchemasConfig(len(JOINTS), len(SCALE), recognition=recognition)
     return PACNet(PACNetConfig(attention_config(), schemas))

@@ -112,7 +112,7 @@ def attention_config(novelty_threshold: float = NOVELTY_THRESHOLD) -> SOFMConfig
 
 
 def make_network(novelty_threshold: float, recall_by: Literal["cue", "order"] = "cue") -> PACNet:
-    """An untaught network for this experiment: one schema per node, as in the paper."""
+    """An from_demonstrations network for this experiment: one schema per node, as in the paper."""
     schemas = MotorSchemasConfig(len(JOINTS), len(SCALE), recall_by)
     return PACNet(PACNetConfig(attention_config(novelty_threshold), schemas))
 

@@ -51,7 +51,7 @@ class Case:
     """One module under contract.
 
     Attributes:
-        make: an untaught one.
+        make: an from_demonstrations one.
         learn: changes what it has learned, from `draw`n percepts [T, 2] and targets [T, 3].
         use: what it answers to such a pair, without learning.
         checks_input: whether it stands at the boundary and refuses another dtype.
@@ -309,7 +309,7 @@ CASES = {
 }
 CHECKING = [name for name, case in CASES.items() if case.checks_input]
 FREEZING = [name for name, case in CASES.items() if case.freezes]
-STARTS = ("untaught", "taught")
+STARTS = ("from_demonstrations", "taught")
 
 
 @pytest.fixture(params=CASES)
@@ -335,8 +335,8 @@ def taught(case: Case) -> nn.Module:
 
 
 def make(case: Case, start: str) -> nn.Module:
-    """A fresh module, untaught or having learned one lesson."""
-    return case.make() if start == "untaught" else copy.deepcopy(taught(case))
+    """A fresh module, from_demonstrations or having learned one lesson."""
+    return case.make() if start == "from_demonstrations" else copy.deepcopy(taught(case))
 
 
 def snapshot(module: nn.Module) -> dict[str, Tensor]:

@@ -150,7 +150,7 @@ def fit(model: MLPForwardModel, wandering: Transitions, seed: int) -> tuple[FitR
 
 
 def make_network(forward_model: ForwardModel, targets: int = len(INFRARED_NAMES)) -> PACNet:
-    """An untaught network for this experiment.
+    """An from_demonstrations network for this experiment.
 
     Args:
         forward_model: to act with.

@@ -2,6 +2,8 @@
 
 import numpy as np
 import torch
+from pacnet.demonstrations import Demonstration, Demonstrations
+from pacnet.rows import Column, GrowableRows
 
 from pacnet import (
     CompetingSchemasConfig,
@@ -13,8 +15,6 @@ from pacnet import (
     SchemaNetworkConfig,
     SOFMConfig,
 )
-from pacnet.demonstrations import Demonstration, Demonstrations
-from pacnet.rows import Column, GrowableRows
 
 
 def circle() -> tuple[torch.Tensor, torch.Tensor]:
@@ -57,7 +57,7 @@ def test_an_imitator_tells_demonstrations_dimensions_and_rate():
     shown = Demonstration(0, "turn", percepts, torch.empty(200, 0), actions)
     names = {"observation.state": ("x", "y"), "action": ("motor",)}
     demonstrations = Demonstrations(50, names, (shown,), "turning")
-    imitator = Imitator.untaught(demonstrations)
+    imitator = Imitator.from_demonstrations(demonstrations)
     told = "percept_dimensions=2, action_dimensions=1, fps=50"
     assert repr(imitator).startswith(f"Imitator(\n  demonstrations=0, {told}\n")
     imitator.learn(demonstrations)
