@@ -32,13 +32,17 @@ _PUBLIC = {  # folder -> the names that `pacnet` offers
     ),
     "imitator": ("Imitator",),
     "network": (
-        "Action", "Decision", "PACNet", "PACNetConfig", "Recall", "SchemaNetwork",
+        "Decision", "PACNet", "PACNetConfig", "SchemaNetwork",
         "SchemaNetworkConfig",
     ),
     "schemas": ("MotorSchemas", "MotorSchemasConfig", "targets_ahead"),
 }  # fmt: skip
 _FOLDER_OF = {name: folder for folder, names in _PUBLIC.items() for name in names}
-_OLD_NAMES = {"NOBODY": "NO_NODE"}  # they work for one release
+_OLD_NAMES = {
+    "Action": "Decision",
+    "NOBODY": "NO_NODE",
+    "Recall": "Decision",
+}  # they work for one release
 
 __all__ = sorted(_FOLDER_OF)  # pyright: ignore[reportUnsupportedDunderAll]
 

@@ -27,11 +27,16 @@ from pacnet.attention.records import (
 )
 from pacnet.attention.state_checks import map_holds
 from pacnet.core.drafts import Lock, adopt, draft_of, frozen, short_turns
-from pacnet.core.growable_rows import Column, GrowableRows, check_storage, copy_on_state_dict
+from pacnet.core.growable_rows import (
+    Column,
+    GrowableRows,
+    as_array,
+    check_storage,
+    copy_on_state_dict,
+)
 from pacnet.core.integrity import check_forms, check_holds, check_on_load
 from pacnet.core.validation import batch_of_array, check_form, check_rows
 from pacnet.kernels.engine import Engine, check_engine, check_row, runs_compiled
-from pacnet.schemas.sequences import as_array
 
 if TYPE_CHECKING:
     from pacnet.attention.compiled import CompiledSOFM, MapState

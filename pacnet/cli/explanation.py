@@ -82,10 +82,10 @@ def _choice(imitator: Imitator, step: ImitatorStep) -> dict[str, Any]:
     return {
         "winner": decision.winner,
         "activation": decision.activation,
-        "matches": not decision.novelty,
+        "matches": not decision.is_novel,
         "matches_from": imitator.config.network.attention.novelty_threshold,
         "schema": decision.schema if commanded else None,
-        "position": decision.position if commanded else None,
+        "position": decision.offset if commanded else None,
     }
 
 
@@ -102,7 +102,7 @@ def _named(names: tuple[str, ...], values: Any) -> dict[str, float] | None:
 
 def _origins(imitator: Imitator, step: ImitatorStep) -> list[dict[str, Any]]:
     """The frames of demonstrations that the target stands for."""
-    schema, position = step.decision.schema, step.decision.position
+    schema, position = step.decision.schema, step.decision.offset
     if schema == NO_SCHEMA:
         return []
     origins = []
@@ -123,7 +123,7 @@ def _origins(imitator: Imitator, step: ImitatorStep) -> list[dict[str, Any]]:
 def _rivals(imitator: Imitator, step: ImitatorStep, percept: Tensor) -> list[dict[str, Any]]:
     """The motor schemas that competed, of other nodes too if none of the winner's is confident."""
     schemas = _competing(imitator)
-    if step.decision.novelty or schemas.timeline() is None:
+    if step.decision.is_novel or schemas.timeline() is None:
         return []
     scaled = imitator.network.sofm.scaled(percept[None])[0]
     return [

@@ -25,13 +25,13 @@ def lessons_of(imitator: Imitator) -> list[dict[str, Any]]:
 
     schemas = imitator.network.schemas
     assert isinstance(schemas, CompetingSchemas)  # of every imitator
-    passes = {name: schemas.passes.live(name).numpy() for name in schemas.passes.columns}
-    numbers = schemas.episodes.live("number").numpy()[passes["episode"]]
+    visits = {name: schemas.visits.live(name).numpy() for name in schemas.visits.columns}
+    numbers = schemas.episodes.live("number").numpy()[visits["episode"]]
     lessons = []
     for number, lesson in enumerate(imitator.lessons):
         remembered = np.zeros(lesson.frames, dtype=bool)
         own = numbers == number
-        for first, last in zip(passes["first"][own], passes["last"][own], strict=True):
+        for first, last in zip(visits["first"][own], visits["last"][own], strict=True):
             remembered[first : last + 1] = True
         lessons.append(lesson._asdict() | {"remembered_share": float(remembered.mean())})
     return lessons

@@ -21,7 +21,7 @@ def reason_of(step: ImitatorStep) -> Reason:
     decision = step.decision
     if step.is_novel:
         return Reason("new percept", f"the percept is new in {step.dimension}")
-    if decision.novelty:
+    if decision.is_novel:
         return Reason("no match", "no node of the map matches the percept")
     if decision.target is None:
         told = (

@@ -6,58 +6,46 @@ from dataclasses import dataclass, field
 
 from pacnet.competition.belief import RecognitionConfig
 from pacnet.competition.winner_take_all import CompetitionConfig
-from pacnet.core.validation import LONGEST, check_fields, is_integer, is_number
+from pacnet.core.old_names import old_names, with_new_names
+from pacnet.core.validation import check_fields, is_integer
+from pacnet.schemas.memory import EpisodicMemoryConfig
 
 
+@old_names(
+    alike_above="same_schema_similarity",
+    continuation="lookahead_samples",
+    worse_by="max_quality_drop",
+)
 @dataclass(frozen=True)
-class CompetingSchemasConfig:
-    """How schemas are told apart, retrained and recalled.
+class CompetingSchemasConfig(EpisodicMemoryConfig):
+    """How schemas are told apart and consolidated (`EpisodicMemoryConfig`), and recalled.
 
     Attributes:
-        target_dimensions: length A of a target.
-        percept_dimensions: length D of a cue.
-        schemas_per_node: how many different schemas a node keeps. Where it keeps as many, each seen
-            more than once, it takes no further kind.
-        alike_above: two schemas of a node are the same, seen twice, where exp(−distance) is at
-            least this: the distance between their cues, and between what came after them. Twice the
-            length of the noise of a percept, in scaled units, is a good distance.
-        continuation: samples after a schema's last at which is seen what came after it: half a
-            second, at the rate of the data. A node that wins again within as many goes on with its
-            schema.
-        worse_by: how much worse than what is kept an episode may be and still renew it, in [0, 1);
-            see `pacnet.schemas.consolidation`.
         nearest_cues: over how many of the nearest cues a recalled target is averaged.
         threshold: confidence under which a schema does not compete; see `Competition`.
         margin: by how much more confident than the incumbent a challenger must be.
         recognition: of what is being watched.
+        type: which kind of motor schemas it is, in a checkpoint's `config.json`.
     """
 
-    target_dimensions: int
-    percept_dimensions: int
-    schemas_per_node: int = 8
-    alike_above: float = 0.82
-    continuation: int = 25
-    worse_by: float = 0.25
     nearest_cues: int = 1
     threshold: float = 0.01
     margin: float = 0.1
     recognition: RecognitionConfig = field(default_factory=RecognitionConfig)
+    type: str = field(default="competing_schemas", init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Refuses values that have no meaning."""
+        """Validate the fields."""
+        super().__post_init__()
         if isinstance(self.recognition, dict):  # as JSON gives it
-            object.__setattr__(self, "recognition", RecognitionConfig(**self.recognition))
-        integers = ("target_dimensions", "percept_dimensions", "schemas_per_node", "nearest_cues")
-        checks = {name: (is_integer(getattr(self, name), 1), "≥ 1") for name in integers}
-        alike, worse = self.alike_above, self.worse_by
-        checks["alike_above"] = (is_number(alike) and 0 < alike < 1, "in (0, 1)")
-        after = self.continuation
-        checks["continuation"] = (
-            is_integer(after, 1) and after <= LONGEST,
-            f"from 1 to {LONGEST} samples",
-        )
-        checks["worse_by"] = (is_number(worse) and 0 <= worse < 1, "in [0, 1)")
-        wanted = "to be a RecognitionConfig"
-        checks["recognition"] = (isinstance(self.recognition, RecognitionConfig), wanted)
+            fields = with_new_names(RecognitionConfig, self.recognition)
+            object.__setattr__(self, "recognition", RecognitionConfig(**fields))
+        checks = {
+            "nearest_cues": (is_integer(self.nearest_cues, 1), "≥ 1"),
+            "recognition": (
+                isinstance(self.recognition, RecognitionConfig),
+                "to be a RecognitionConfig",
+            ),
+        }
         check_fields(self, checks)
-        CompetitionConfig(self.threshold, self.margin)  # refuses the rest
+        CompetitionConfig(self.threshold, self.margin)  # validates both

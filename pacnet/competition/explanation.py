@@ -1,18 +1,17 @@
-"""Where a recalled target came from, and what else might have been recalled in its place."""
+"""Where a recalled target came from, and which other schemas competed."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.competition.confidences import NodeSchemas
-from pacnet.competition.timeline import shown
+from pacnet.competition.confidences import SchemaConfidences
+from pacnet.competition.timeline import shown_samples
+from pacnet.core.old_names import old_names
 from pacnet.core.validation import check_number
-
-if TYPE_CHECKING:
-    from pacnet.competition.competing_schemas import CompetingSchemas
+from pacnet.schemas.memory import EpisodicMemory
 
 
 class Origin(NamedTuple):
@@ -26,65 +25,62 @@ class Origin(NamedTuple):
     """Which of the episode's samples, from 0."""
 
 
+@old_names(position="offset")
 class Rival(NamedTuple):
     """A schema that competes."""
 
     schema: int
-    """Its number."""
+    """Its id."""
     node: int
-    """Whose it is."""
+    """Its node."""
     confidence: float
-    """The probability that what is watched is a pass through it, times how well it fits."""
-    position: int
-    """Place in it of the cue nearest to the percept."""
+    """The probability that a visit to it is watched, times how well it fits."""
+    offset: int
+    """Of its cue nearest to the percept."""
     behaviours: tuple[str, ...]
-    """Of the episodes that passed through it, in the order in which they were first shown."""
+    """Of the episodes that visited it, in the order of their first time."""
 
 
-def origins_of(schemas: CompetingSchemas, schema: int, position: int) -> list[Origin]:
+def origins_of(memory: EpisodicMemory, schema: int, offset: int) -> list[Origin]:
     """See `CompetingSchemas.origins`."""
-    schemas.check()
-    schema, position = _check(schemas, schema, position)
-    passes, episodes, frames = schemas.passes, schemas.episodes, schemas.frames(schema)
-    number, time, row = shown(schemas)
-    blocks = schemas.blocks
-    here = row == blocks.live("start")[schema] + position
-    number, frame = number[here], time[here].round().long()
-    first, last = passes.live("first")[number], passes.live("last")[number]
-    episode = passes.live("episode")[number]
-    names = [schemas.behaviours[kind] for kind in episodes.live("behaviour")[episode].tolist()]
+    memory.check()
+    schema = check_number("a schema", schema, len(memory.blocks))
+    length = int(memory.lengths[schema])
+    offset = check_number("an offset", offset, length, 0, f" in schema {schema}")
+    visits, episodes, frames = memory.visits, memory.episodes, memory.frames(schema)
+    visit, time, row = shown_samples(memory)
+    here = row == memory.blocks.live("start")[schema] + offset
+    visit, frame = visit[here], time[here].round().long()
+    first, last = visits.live("first")[visit], visits.live("last")[visit]
+    episode = visits.live("episode")[visit]
+    names = [memory.behaviours[kind] for kind in episodes.live("behaviour")[episode].tolist()]
     numbers = episodes.live("number")[episode].tolist()
     origins = [Origin(*row) for row in zip(numbers, names, frame.tolist(), strict=True)]
-    # The pass whose sequence is kept began with its first row and ended with its last one.
-    own = (first == frames[0]) & (last == frames[-1]) & (episode == blocks.live("shown_in")[schema])
+    # The visit whose sequence is kept began with its first row and ended with its last one.
+    own = (first == frames[0]) & (last == frames[-1])
+    own &= episode == memory.blocks.live("shown_in")[schema]
     if not bool(own.any()):
-        raise ValueError(f"expected a pass in which schema {schema} was shown, got none")
+        raise ValueError(f"expected a visit in which schema {schema} was shown, got none")
     return [origins.pop(int(own.nonzero()[0])), *origins]
 
 
 def rivals_of(
-    schemas: CompetingSchemas,
-    here: NodeSchemas,
+    memory: EpisodicMemory,
+    here: SchemaConfidences,
     distances: NDArray[np.floating],
     probability: NDArray[np.float64],
 ) -> list[Rival]:
-    """See `CompetingSchemas.rivals`; arguments as of `NodeSchemas.confidences`."""
+    """See `CompetingSchemas.rivals`; arguments as of `SchemaConfidences.confidences`."""
     confidences = here.confidences(distances, probability).tolist()
     rivals = []
-    for place, schema in enumerate(here.numbers):
-        position = int(distances[here.rows_of(place)].argmin())
-        node, names = int(schemas.blocks.live("node")[schema]), _behaviours_through(schemas, schema)
-        rivals.append(Rival(schema, node, confidences[place], position, names))
+    for index, schema in enumerate(here.ids):
+        offset = int(distances[here.rows_of(index)].argmin())
+        node, names = int(memory.blocks.live("node")[schema]), _behaviours_of(memory, schema)
+        rivals.append(Rival(schema, node, confidences[index], offset, names))
     return sorted(rivals, key=lambda rival: -rival.confidence)
 
 
-def _behaviours_through(schemas: CompetingSchemas, schema: int) -> tuple[str, ...]:
-    through = schemas.passes.live("schema") == schema
-    kinds = schemas.episodes.live("behaviour")[schemas.passes.live("episode")[through]]
-    return tuple(schemas.behaviours[kind] for kind in kinds.unique().tolist())
-
-
-def _check(schemas: CompetingSchemas, schema: int, position: int) -> tuple[int, int]:
-    schema = check_number("a schema", schema, len(schemas.blocks))
-    length = int(schemas.lengths[schema])
-    return schema, check_number("a position", position, length, 0, f" in schema {schema}")
+def _behaviours_of(memory: EpisodicMemory, schema: int) -> tuple[str, ...]:
+    visited = memory.visits.live("schema") == schema
+    kinds = memory.episodes.live("behaviour")[memory.visits.live("episode")[visited]]
+    return tuple(memory.behaviours[kind] for kind in kinds.unique().tolist())

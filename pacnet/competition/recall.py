@@ -1,121 +1,126 @@
-"""A recall episode of schemas that compete: which of the winner's gives the target, and which one.
+"""A recall episode of schemas that compete: which one wins, and its current target.
 
-The network and the schemas may go on learning meanwhile: it works on what was known when it began.
+The network and its schemas may go on learning meanwhile: the episode works on what was known when
+it began.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from pacnet.attention.records import NO_NODE
-from pacnet.competition.belief import Belief, Timeline
-from pacnet.competition.confidences import NodeSchemas
+from pacnet.competition.belief import Belief
+from pacnet.competition.confidences import SchemaConfidences
+from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.competition.explanation import Rival, rivals_of
-from pacnet.schemas.sequences import RecalledRow
-
-if TYPE_CHECKING:
-    from pacnet.competition.competing_schemas import CompetingSchemas
+from pacnet.competition.timeline import Timeline
+from pacnet.competition.winner_take_all import NO_SCHEMA, Competition, CompetitionConfig
+from pacnet.schemas.memory import EpisodicMemory
+from pacnet.schemas.records import Target
 
 
 class CompetingRecall:
-    """Goes on from sample to sample.
+    """A recall episode, sample by sample.
 
     Args:
-        schemas: that compete, the pool without gaps; they do not change any more.
-        timeline: of the episodes that they know.
+        memory: the schemas, in a pool without gaps; they do not change any more.
+        config: of recall.
+        timeline: of the episodes in memory.
 
     Attributes:
         belief: which of these is being watched, and how far it is.
         cues: of all of them, `[R, D]`.
     """
 
-    def __init__(self, schemas: CompetingSchemas, timeline: Timeline) -> None:
-        schemas.check()
-        self.schemas, self.timeline = schemas, timeline
-        self.cues = np.asfortranarray(schemas.arrays("cue"))  # as distances are taken
-        self._targets = schemas.arrays("target")
-        # All schemas, each confident near its own cues alone, and whose they are.
-        node = schemas.blocks.live("node")
-        reach = -math.log(1 - schemas.config.recognition.novel_above)
-        numbers = torch.arange(len(node), device=node.device)
-        self._everywhere = NodeSchemas(schemas, numbers, timeline, reach)
+    def __init__(
+        self, memory: EpisodicMemory, config: CompetingSchemasConfig, timeline: Timeline
+    ) -> None:
+        memory.check()
+        self.memory, self.config, self.timeline = memory, config, timeline
+        self.cues = np.asfortranarray(memory.arrays("cue"))  # the layout distances are taken in
+        self._targets = memory.arrays("target")
+        self._competition = Competition(CompetitionConfig(config.threshold, config.margin))
+        # All schemas, each confident near its own cues alone, and their nodes.
+        node = memory.blocks.live("node")
+        reach = -math.log(1 - config.recognition.novel_above)
+        ids = torch.arange(len(node), device=node.device)
+        self._everywhere = SchemaConfidences(memory, ids, timeline, reach)
         self._node_of = node.numpy(force=True)
-        self._nodes: dict[int, NodeSchemas | None] = {}  # those that have won
+        self._at_nodes: dict[int, SchemaConfidences | None] = {}  # those that have won
         self.reset()
 
     def reset(self) -> None:
-        """Starts a new episode."""
-        self.belief = Belief(self.timeline, self.schemas.config.recognition)
-        self.incumbent = NO_NODE  # schema that won the competition last
+        """Start a new episode."""
+        self.belief = Belief(self.timeline, self.config.recognition)
+        self.incumbent = NO_SCHEMA  # the schema that won last
 
     def distances(self, percept: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Of a percept, scaled, `[D]`, from every cue of the pool, `[R]`."""
-        from pacnet.kernels.distances import distances_of  # which brings numba
+        """Return the distances of a normalized percept `[D]` from every cue, `[R]`."""
+        from pacnet.kernels.distances import distances_of  # imports numba
 
         return distances_of(percept, self.cues)
 
-    def recall(self, node: int, percept: NDArray[np.floating]) -> RecalledRow | None:
-        """See `CompetingSchemas.recall`."""
+    def recall(self, node: int, percept: NDArray[np.floating]) -> Target | None:
+        """See `CompetingSchemas.recall_one`."""
         distances = self.distances(percept)
         self.belief.update(distances)
         rows = self._compete(node, distances)
         if rows is None:
             return None
-        nearest = distances[rows].argsort(kind="stable")[: self.schemas.config.nearest_cues]
+        nearest = distances[rows].argsort(kind="stable")[: self.config.nearest_cues]
         chosen = self._targets[rows][nearest]
         target = chosen.sum(axis=0) / chosen.dtype.type(len(nearest))
-        return RecalledRow(target, int(nearest[0]), self.incumbent)
+        return Target(target, int(nearest[0]), self.incumbent)
 
     def rivals(self, node: int, percept: NDArray[np.floating]) -> list[Rival]:
         """See `CompetingSchemas.rivals`."""
         if node == NO_NODE:
             return []
-        seen = self.distances(percept), self.belief.probability
-        here, least = self._at_node(node), self.schemas.config.threshold
-        own = [] if here is None else rivals_of(self.schemas, here, *seen)
+        observed = self.distances(percept), self.belief.probability
+        here, least = self._at_node(node), self.config.threshold
+        own = [] if here is None else rivals_of(self.memory, here, *observed)
         if own and own[0].confidence >= least:
             return own
-        elsewhere = rivals_of(self.schemas, self._everywhere, *seen)
+        elsewhere = rivals_of(self.memory, self._everywhere, *observed)
         others = [each for each in elsewhere if each.node != node and each.confidence >= least]
         return [*others, *own]
 
     def _compete(self, node: int, distances: NDArray[np.floating]) -> slice | None:
-        """Lets schemas compete, the winner's own or else all that know the percept.
+        """Find the winner among the node's schemas, else among all to which the percept is known.
 
         Args:
             node: the winner, or `NO_NODE`.
             distances: of the percept from every cue of the pool, `[R]`.
 
         Returns:
-            The rows of the pool of the schema that wins, the incumbent from now on; None without.
+            The pool's rows of the schema that wins, the incumbent from now on; None without.
         """
         if node == NO_NODE:
             return None
-        for here in self._in_turn(node):
+        for here in self._candidates(node):
             confidences = here.confidences(distances, self.belief.probability)
-            winner = self.schemas.competition.winner(confidences, here.place_of(self.incumbent))
-            if winner != NO_NODE:
-                self.incumbent = here.numbers[winner]
+            winner = self._competition.winner(confidences, here.index_of(self.incumbent))
+            if winner != NO_SCHEMA:
+                self.incumbent = here.ids[winner]
                 return here.rows_of(winner)
-        self.incumbent = NO_NODE
+        self.incumbent = NO_SCHEMA
         return None
 
-    def _in_turn(self, node: int) -> Iterator[NodeSchemas]:
-        """The schemas of a node, and those that compete where none of these wins."""
+    def _candidates(self, node: int) -> Iterator[SchemaConfidences]:
+        """Yield the schemas of a node, then all of them."""
         here = self._at_node(node)
         if here is not None:
             yield here
         yield self._everywhere
 
-    def _at_node(self, node: int) -> NodeSchemas | None:
-        """The schemas of a node, picked out when it first wins; None if it has none."""
-        if node not in self._nodes:
-            places = np.flatnonzero(self._node_of == node)
-            self._nodes[node] = self._everywhere.part(places) if len(places) > 0 else None
-        return self._nodes[node]
+    def _at_node(self, node: int) -> SchemaConfidences | None:
+        """Return the schemas of a node, cached from its first win on; None if it has none."""
+        if node not in self._at_nodes:
+            indices = np.flatnonzero(self._node_of == node)
+            self._at_nodes[node] = self._everywhere.part(indices) if len(indices) > 0 else None
+        return self._at_nodes[node]

@@ -1,8 +1,8 @@
-"""Recognition: what is being watched, how far it is, what comes next, how it ends, how new it is.
+"""Recognition: which behaviour is watched, its progress, what comes next, and how novel it is.
 
 Maistros, Marom & Hayes (2001) hope that coupling perception to action lets a robot "'understand'
-the observed interactions of others". Here the schemas by which the robot would act are run along
-with what it sees, and nothing is done.
+the observed interactions of others". Here the schemas that would drive the robot run along with
+what it perceives, and no action is taken.
 """
 
 from __future__ import annotations
@@ -15,35 +15,35 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pacnet.competition.competing_schemas import CompetingSchemas
-from pacnet.schemas.sequences import as_array
+from pacnet.competition.recall import CompetingRecall
+from pacnet.core.growable_rows import as_array
 
-_BIAS_RATE = 0.2  # per sample, at which the difference from the known episodes is followed
+_BIAS_RATE = 0.2  # per sample, at which the deviation from the known episodes is followed
 
 
 class Recognition(NamedTuple):
-    """What was understood at each sample. T percepts, B known behaviours."""
+    """What was recognized at each sample. T percepts, B known behaviours."""
 
     probability: Tensor
     """Of each known behaviour, `[T, B]`; rows sum to 1."""
     behaviour: Tensor
-    """Number of the most probable behaviour, int64 `[T]`."""
+    """Index of the most probable behaviour, int64 `[T]`."""
     progress: Tensor
-    """How much of that behaviour is over, `[T]`, from 0 to 1."""
+    """Share of that behaviour that is over, `[T]`, from 0 to 1."""
     next_percept: Tensor
-    """What is expected one sample later, `[T, D]`, in the percept's own units."""
+    """The percept expected one sample later, `[T, D]`, in the percept's own units."""
     end_percept: Tensor
-    """What is expected at the end of that behaviour, `[T, D]`, in the percept's own units."""
+    """The percept expected at the end of that behaviour, `[T, D]`, in the percept's own units."""
     novelty: Tensor
-    """1 − exp(−distance to the nearest percept that is known), `[T]`."""
+    """1 − exp(−distance to the nearest known percept), `[T]`."""
     is_novel: Tensor
-    """Whether the novelty is over `RecognitionConfig.novel_above`, bool `[T]`."""
+    """Whether the novelty is above `RecognitionConfig.novel_above`, bool `[T]`."""
     winner: Tensor
     """Node of the map, int64 `[T]`, or `NO_NODE` where the match is not good enough."""
 
 
-class Understanding(NamedTuple):
-    """What was understood of one percept; as `Recognition`, in the map's scaled units."""
+class RecognitionStep(NamedTuple):
+    """What was recognized at one percept; as `Recognition`, in normalized units."""
 
     probability: NDArray[np.floating]  # [B]
     behaviour: int
@@ -53,50 +53,43 @@ class Understanding(NamedTuple):
     novelty: float
 
 
-class Watcher:
-    """Follows one episode, by what was known when it began.
+class Recognizer:
+    """Follows one episode.
 
     Args:
-        schemas: by which the robot would act; at least one.
+        recall: a recall episode that has just begun.
 
     Attributes:
-        novel_above: the novelty over which a percept is called novel.
+        novel_above: the novelty above which a percept is called novel.
     """
 
-    def __init__(self, schemas: CompetingSchemas) -> None:
-        recall = schemas.new_recall()
-        if recall is None:
-            raise ValueError(
-                "expected a network that has learned schemas, got one without any: no node has "
-                "habituated and kept targets; show it more, or look at SOFMConfig.scale"
-            )
-        recall.schemas.check()
-        self._recall, self._belief, timeline = recall, recall.belief, recall.timeline
-        known = torch.from_numpy(timeline.episode)
-        episodes = recall.schemas.episodes
-        self._behaviours = len(schemas.behaviours)
-        self._kinds = episodes.live("behaviour").cpu()[known].numpy()  # [E]
-        self._last = as_array(episodes.live("last_cue").cpu()[known])  # [E, D]
+    def __init__(self, recall: CompetingRecall) -> None:
+        self._recall, self._belief = recall, recall.belief
+        memory = recall.memory
+        known = torch.from_numpy(recall.timeline.episode)
+        self._n_behaviours = len(memory.behaviours)
+        self._behaviour_of = memory.episodes.live("behaviour").cpu()[known].numpy()  # [E]
+        self._last = as_array(memory.episodes.live("last_cue").cpu()[known])  # [E, D]
         self._bias = np.zeros(self._last.shape[1], self._last.dtype)
-        self.novel_above = schemas.config.recognition.novel_above
+        self.novel_above = recall.config.recognition.novel_above
 
-    def see(self, percept: NDArray[np.floating]) -> Understanding:
-        """Takes one percept in, `[D]`, scaled."""
+    def update(self, percept: NDArray[np.floating]) -> RecognitionStep:
+        """Recognize one more percept of the episode, normalized, `[D]`."""
         distances = self._recall.distances(percept)
         self._belief.update(distances)
-        of_episodes = self._belief.of_episodes()
-        probability = np.bincount(self._kinds, of_episodes, minlength=self._behaviours)
+        of_episodes = self._belief.probability.sum(axis=1)
+        probability = np.bincount(self._behaviour_of, of_episodes, minlength=self._n_behaviours)
         behaviour = int(probability.argmax())
 
         # The rest is about the most probable behaviour alone: no mean of two different futures.
-        ours = (self._kinds == behaviour)[:, None]
-        now = _normalised(self._belief.probability * ours)  # [E, P]
-        soon = _normalised(self._belief.ahead() * ours)
+        ours = (self._behaviour_of == behaviour)[:, None]
+        now = _normalized(self._belief.probability * ours)  # [E, P]
+        soon = _normalized(self._belief.predict() * ours)
         middle = (np.arange(now.shape[1]) + 0.5) / now.shape[1]
-        # What sets this episode apart from the known ones lasts for more than a sample.
-        apart = percept - self._expected(now) - self._bias
-        self._bias = self._bias + _BIAS_RATE * apart
-        return Understanding(
+        # What distinguishes this episode from the known ones lasts for more than a sample.
+        deviation = percept - self._expected(now) - self._bias
+        self._bias = self._bias + _BIAS_RATE * deviation
+        return RecognitionStep(
             probability.astype(percept.dtype),
             behaviour,
             float(now.sum(axis=0) @ middle),
@@ -106,11 +99,11 @@ class Watcher:
         )
 
     def _expected(self, probability: NDArray[np.float64]) -> NDArray[np.floating]:
-        """The mean cue `[D]` over places of the timeline `[E, P]`."""
+        """Return the mean cue `[D]` over states of the timeline `[E, P]`."""
         cues, rows = self._recall.cues, self._recall.timeline.rows
         of_row = np.bincount(rows.ravel(), probability.ravel(), minlength=len(cues))
         return of_row.astype(cues.dtype) @ cues
 
 
-def _normalised(probability: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normalized(probability: NDArray[np.float64]) -> NDArray[np.float64]:
     return probability / probability.sum()

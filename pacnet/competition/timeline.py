@@ -1,76 +1,117 @@
-"""Lays the known episodes out in time: which stored percept is expected at each place of each."""
+"""The known episodes laid out in time: which stored percept is expected in each state of each.
+
+An episode, from its beginning to its end, is cut into equal parts: the states of a chain.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from pacnet.competition.belief import Timeline, make_timeline
+from pacnet.schemas.memory import EpisodicMemory
 from pacnet.schemas.sequences import rows_of
 
-if TYPE_CHECKING:
-    from pacnet.competition.competing_schemas import CompetingSchemas
+
+class Timeline(NamedTuple):
+    """E known episodes of P states each."""
+
+    rows: NDArray[np.int64]
+    """Row of the pool whose cue is expected in each state, int64 `[E, P]`."""
+    episode: NDArray[np.int64]
+    """Row of each episode in memory, int64 `[E]`."""
+    advance: NDArray[np.float64]
+    """Probability that one sample takes the episode on by 0, 1, … states, `[E, K]`."""
+    start: NDArray[np.float64]
+    """The belief before the first sample, `[E, P]`; sums to 1."""
 
 
-def lay_out(schemas: CompetingSchemas, places: int) -> Timeline:
-    """The timeline of all episodes that still have a schema.
+def build_timeline(memory: EpisodicMemory, n_states: int) -> Timeline:
+    """Return the timeline of all episodes that still have a schema.
 
-    A place takes the row whose time in the episode is nearest to its middle. A schema that was
-    shown in another episode is stretched to the time that this one took for it.
+    A state takes the row whose time in the episode is nearest to its middle. A schema that was
+    shown in another episode is stretched to the time of this one's visit.
 
     Args:
-        schemas: with at least one pass.
-        places: P of each episode.
+        memory: with at least one visit.
+        n_states: P of each episode.
     """
-    number, frame, row = shown(schemas)
-    episode, samples = schemas.passes.live("episode")[number], schemas.episodes.live("samples")
-    at = (frame + 0.5) / samples[episode] * places  # [S] in places
-    place = at.floor().clamp(0, places - 1).long()
-    table = _nearest_in_time(episode * places + place, (at - place - 0.5).abs(), row)
-    rows = torch.full((len(samples) * places,), -1, device=row.device)
-    rows[table[0]] = table[1]
-    rows = rows.view(len(samples), places)
+    visit, time, row = shown_samples(memory)
+    episode, samples = memory.visits.live("episode")[visit], memory.episodes.live("samples")
+    at = (time + 0.5) / samples[episode] * n_states  # [S] in states
+    state = at.floor().clamp(0, n_states - 1).long()
+    filled, chosen = _nearest_in_time(episode * n_states + state, (at - state - 0.5).abs(), row)
+    rows = torch.full((len(samples) * n_states,), -1, device=row.device)
+    rows[filled] = chosen
+    rows = rows.view(len(samples), n_states)
     known = (rows >= 0).any(dim=1).nonzero().flatten()
-    behaviour = schemas.episodes.live("behaviour")
-    return make_timeline(_filled(rows[known]), known, samples[known], behaviour[known])
+    behaviour = memory.episodes.live("behaviour")
+    return make_timeline(_without_gaps(rows[known]), known, samples[known], behaviour[known])
 
 
-def shown(schemas: CompetingSchemas) -> tuple[Tensor, Tensor, Tensor]:
-    """Every sample that some pass stands for, pass by pass.
+def make_timeline(rows: Tensor, episode: Tensor, samples: Tensor, behaviour: Tensor) -> Timeline:
+    """Return a timeline in which all behaviours are equally likely.
+
+    Half of the prior lies on the first states, half on all states.
+
+    Args:
+        rows: `[E, P]` as in `Timeline`.
+        episode: `[E]` as in `Timeline`.
+        samples: length of each episode, int64 `[E]`.
+        behaviour: of each episode, int64 `[E]`.
+    """
+    episodes, states = rows.shape
+    rate = states / samples.double()  # [E] states per sample
+    steps = torch.arange(math.ceil(float(rate.max()) * 3) + 3, device=rows.device)
+    # Poisson, so that a demonstration may be faster or slower than the remembered one.
+    advance = (steps * rate[:, None].log() - rate[:, None] - torch.lgamma(steps + 1.0)).exp()
+    advance /= advance.sum(dim=1, keepdim=True)
+    _, kind, count = behaviour.unique(return_inverse=True, return_counts=True)
+    start = torch.full((episodes, states), 0.5 / states, dtype=torch.float64, device=rows.device)
+    start[:, 0] += 0.5
+    start *= (1 / count[kind].double())[:, None]
+    fields = rows, episode, advance, start / start.sum()
+    return Timeline(*(field.contiguous().numpy(force=True) for field in fields))
+
+
+def shown_samples(memory: EpisodicMemory) -> tuple[Tensor, Tensor, Tensor]:
+    """Return every sample that some visit stands for, visit by visit.
 
     Returns:
-        Number of its pass, int64 `[S]`; its time in the episode, in samples, `[S]`; its row of the
+        Row of its visit, int64 `[S]`; its time in the episode [samples], `[S]`; its row of the
         pool, int64 `[S]`.
     """
-    passes = schemas.passes
-    schema = passes.live("schema")
-    lengths, starts = schemas.lengths[schema], schemas.blocks.live("start")[schema]
-    number = torch.repeat_interleave(torch.arange(len(passes), device=schema.device), lengths)
+    visits = memory.visits
+    schema = visits.live("schema")
+    lengths, starts = memory.lengths[schema], memory.blocks.live("start")[schema]
+    visit = torch.repeat_interleave(torch.arange(len(visits), device=schema.device), lengths)
     row = rows_of(starts, lengths)
-    own = schemas.pool.live("frame")
-    own_first, own_last = own[starts][number], own[starts + lengths - 1][number]
-    share = (own[row] - own_first) / (own_last - own_first).clamp(min=1)
-    first, last = passes.live("first")[number], passes.live("last")[number]
-    return number, first + share * (last - first), row
+    frame = memory.pool.live("frame")
+    begin, end = frame[starts][visit], frame[starts + lengths - 1][visit]
+    share = (frame[row] - begin) / (end - begin).clamp(min=1)
+    first, last = visits.live("first")[visit], visits.live("last")[visit]
+    return visit, first + share * (last - first), row
 
 
-def _nearest_in_time(place: Tensor, distance: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
-    """Of several rows at one place the one nearest to its middle: the places and their rows."""
+def _nearest_in_time(state: Tensor, distance: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the states that have a row, and for each the row nearest to its middle."""
     order = distance.argsort(stable=True)
-    order = order[place[order].argsort(stable=True)]
-    place, row = place[order], row[order]
-    first = torch.ones_like(place, dtype=torch.bool)
-    first[1:] = place[1:] != place[:-1]
-    return place[first], row[first]
+    order = order[state[order].argsort(stable=True)]
+    state, row = state[order], row[order]
+    first = torch.ones_like(state, dtype=torch.bool)
+    first[1:] = state[1:] != state[:-1]
+    return state[first], row[first]
 
 
-def _filled(rows: Tensor) -> Tensor:
-    """Rows `[E, P]` in which a place without one, −1, takes that of the nearest place in time."""
-    places = torch.arange(rows.shape[1], device=rows.device).expand_as(rows)
+def _without_gaps(rows: Tensor) -> Tensor:
+    """Return rows `[E, P]` in which a state without one, −1, has that of the nearest state."""
+    states = torch.arange(rows.shape[1], device=rows.device).expand_as(rows)
     nowhere = 2 * rows.shape[1]
-    before = places.where(rows >= 0, -nowhere).cummax(dim=1).values
-    after = places.where(rows >= 0, nowhere).flip(1).cummin(dim=1).values.flip(1)
-    nearest = before.where(places - before <= after - places, after)
+    before = states.where(rows >= 0, -nowhere).cummax(dim=1).values
+    after = states.where(rows >= 0, nowhere).flip(1).cummin(dim=1).values.flip(1)
+    nearest = before.where(states - before <= after - states, after)
     return rows.gather(1, nearest)

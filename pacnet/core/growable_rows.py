@@ -289,3 +289,13 @@ def _resize_to_loaded_rows(
         }
         rows._memory = {name: rows._laid_out(name, zeros) for name, zeros in empty.items()}
         rows.show(next(iter(lengths.values())) or 0)
+
+
+def in_single(rows: Tensor) -> Tensor:
+    """Return half precision as float32, for what cannot be computed in it; other rows as is."""
+    return rows.float() if rows.dtype in (torch.half, torch.bfloat16) else rows
+
+
+def as_array(rows: Tensor) -> NDArray[Any]:
+    """Return rows as a contiguous array, of the same memory where possible, half as single."""
+    return in_single(rows.detach()).contiguous().numpy(force=True)

@@ -70,11 +70,18 @@ def rename_on_load(module: nn.Module, new_by_old: Mapping[str, str]) -> None:
         module: whose tensors, or whose parts' tensors, were renamed.
         new_by_old: old part of a tensor's name (what stands between two dots) -> new part.
     """
+    # A partial of a function of this module, which can be pickled.
+    module.register_load_state_dict_pre_hook(functools.partial(_rename, new_by_old))
 
-    def rename(_: nn.Module, state_dict: dict[str, Tensor], prefix: str, *__: object) -> None:
-        rename_tensors(state_dict, new_by_old, prefix)
 
-    module.register_load_state_dict_pre_hook(rename)
+def _rename(
+    new_by_old: Mapping[str, str],
+    _: nn.Module,
+    state_dict: dict[str, Tensor],
+    prefix: str,
+    *__: object,
+) -> None:
+    rename_tensors(state_dict, new_by_old, prefix)
 
 
 def rename_tensors(

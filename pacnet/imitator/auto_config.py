@@ -53,8 +53,8 @@ def choose_settings(
     schemas = CompetingSchemasConfig(
         len(action) if targets == "action" else len(state),
         dimensions,
-        alike_above=math.exp(-max(LEAST_ALIKE, ALIKE * scaling.noise)),
-        continuation=max(1, round(SEEN_AFTER * fps)),
+        same_schema_similarity=math.exp(-max(LEAST_ALIKE, ALIKE * scaling.noise)),
+        lookahead_samples=max(1, round(SEEN_AFTER * fps)),
         recognition=RecognitionConfig(novel_above=1 - math.exp(-unusual)),
     )
     return ImitatorConfig(

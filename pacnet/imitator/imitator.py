@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from pacnet.attention.config import LARGEST_PERCEPT
 from pacnet.competition.competing_schemas import CompetingSchemas
 from pacnet.core.drafts import adopt, draft_of, frozen
-from pacnet.core.growable_rows import check_storage, copy_on_state_dict
+from pacnet.core.growable_rows import as_array, check_storage, copy_on_state_dict
 from pacnet.core.integrity import check_forms, check_holds, check_model, check_on_load, part_of
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.model_checkpoint import check_finite, read_model, save_tensors
@@ -34,9 +34,11 @@ from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.novelty import Familiarity
 from pacnet.kernels.engine import Engine, check_row
-from pacnet.network.acting import Acting
-from pacnet.network.network import FORWARD_MODEL, Decision, PACNet, check_dimensions
-from pacnet.schemas.sequences import as_array, compact
+from pacnet.network.checks import FORWARD_MODEL, check_dimensions
+from pacnet.network.network import PACNet
+from pacnet.network.records import Decision
+from pacnet.network.snapshot import Snapshot
+from pacnet.schemas.sequences import compact
 from pacnet.schemas.targets import targets_ahead
 
 
@@ -91,12 +93,12 @@ class ImitatorStep(NamedTuple):
 class _Known(NamedTuple):
     """What `step` works on: all that was learned at one moment."""
 
-    network: Acting
+    network: Snapshot
     familiarity: Familiarity
     cues: NDArray[np.float32]  # [R, D], all percepts that targets are kept with, scaled
     scale: NDArray[np.float32]  # [D], of percepts
 
-    def is_of(self, network: Acting, familiarity: Familiarity) -> bool:
+    def is_of(self, network: Snapshot, familiarity: Familiarity) -> bool:
         """Whether these are still the ones."""
         return self.network is network and self.familiarity.usual is familiarity.usual
 
@@ -323,7 +325,7 @@ class Imitator(nn.Module):
     ) -> Any:
         """As of any module, all or nothing; what another thread is learning is finished before."""
         models = part_of(state_dict, "network." + FORWARD_MODEL)
-        with self.network.waiting(), self.network.changing:
+        with self.network.no_learning(), self.network.changing:
             check_model(self.forward_model, models, strict)
             return super().load_state_dict(state_dict, strict, assign)
 
@@ -347,13 +349,13 @@ class Imitator(nn.Module):
 
     def _now(self) -> _Known:
         """What was learned, all of it at one moment."""
-        network, known = self.network.now(), self._known
+        network, known = self.network.snapshot(), self._known
         if known is None or not known.is_of(network, self.familiarity):
             with self.network.changing:
-                self._known = known = self._look_up(self.network.now())
+                self._known = known = self._look_up(self.network.snapshot())
         return known
 
-    def _look_up(self, network: Acting) -> _Known:
+    def _look_up(self, network: Snapshot) -> _Known:
         schemas = network.schemas
         assert isinstance(schemas, CompetingSchemas)
         recall = schemas.recall_in_progress
@@ -440,8 +442,8 @@ class Imitator(nn.Module):
             correction = correction and number > 0  # there is nothing to correct before
             familiarity, percepts = draft_of(self.familiarity), draft.sofm.scaled(shown.percepts)
             unfamiliar = _compare(draft, familiarity, percepts, number, correction)
-            watched = draft.learn_checked(percepts)
-            draft.learn_checked(percepts, self._targets(shown), number, shown.task)
+            watched = draft.update(percepts)
+            draft.update(percepts, self._targets(shown), number, shown.task)
             if not correction:
                 before = sum(not lesson.correction for lesson in self.lessons)
                 first_action = first_action + (shown.action[0] - first_action) / (before + 1)
@@ -453,7 +455,7 @@ class Imitator(nn.Module):
                 self.network.adopt(draft)
                 adopt(self.familiarity, familiarity)
                 self._buffers["first_action"] = first_action
-                acting = self.network.acting
+                acting = self.network._snapshot
                 self._known = None if acting is None else self._look_up(acting)
                 self.lessons.append(lesson)
         return lesson

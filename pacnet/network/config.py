@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from pacnet.attention.config import SOFMConfig
 from pacnet.competition.config import CompetingSchemasConfig
+from pacnet.core.old_names import with_new_names
 from pacnet.schemas.motor_schemas import MotorSchemasConfig
+
+_KINDS = {config.type: config for config in (MotorSchemasConfig, CompetingSchemasConfig)}
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class PACNetConfig:
     schemas: MotorSchemasConfig | CompetingSchemasConfig
 
     def __post_init__(self) -> None:
-        """Refuses parts that do not fit one another."""
+        """Check that the parts fit one another."""
         percept, cue = self.attention.dimensions, self.schemas.percept_dimensions
         if percept != cue:
             raise ValueError(
@@ -32,17 +36,17 @@ class PACNetConfig:
             )
 
     @classmethod
-    def from_dict(cls, fields: dict[str, Any]) -> PACNetConfig:
-        """Rebuilds what `dataclasses.asdict` gave, after JSON.
+    def from_dict(cls, fields: Mapping[str, Any]) -> PACNetConfig:
+        """Rebuild what `dataclasses.asdict` gave, after JSON.
 
         Raises:
             ValueError: a field is missing, unknown or out of range.
         """
         try:
-            attention, schemas = fields["attention"], fields["schemas"]
-            several = "schemas_per_node" in schemas
-            kind = CompetingSchemasConfig if several else MotorSchemasConfig
-            return cls(SOFMConfig(**attention), kind(**schemas))
+            attention, schemas = fields["attention"], dict(fields["schemas"])
+            several = "schemas_per_node" in schemas  # before there was a type
+            kind = _KINDS[schemas.pop("type", "competing_schemas" if several else "motor_schemas")]
+            return cls(SOFMConfig(**attention), kind(**with_new_names(kind, schemas)))
         except (KeyError, TypeError) as error:
             raise ValueError(
                 f"expected the fields of PACNetConfig, got {fields}: {error}"

@@ -1,86 +1,35 @@
-"""Growable sequences of targets that share one pool, each target with the percept it goes with.
-
-What both kinds of motor schemas are made of: one sequence per node (`MotorSchemas`) and several
-that compete (`CompetingSchemas`).
-"""
+"""Growable sequences of targets in one pool, each target with the percept it was shown with."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention.records import NO_NODE
-from pacnet.core.growable_rows import Column, GrowableRows
-from pacnet.core.validation import batch_of_one, check_bounded, check_number
+from pacnet.core.growable_rows import Column, GrowableRows, as_array
+from pacnet.core.old_names import rename_on_load
+from pacnet.core.validation import check_bounded, check_number
 
-NUMBER = Column((), torch.int64)
-"""A column of integers."""
-
-
-class Samples(NamedTuple):
-    """T samples of an episode, in order of time, as the map hands them to the motor schemas."""
-
-    node: Tensor
-    """The winner, int64 `[T]`; what it is matters only where it is habituated."""
-    activation: Tensor
-    """Of the winner by the percept, `[T]`."""
-    habituated: Tensor
-    """Whether the winner is fully habituated, bool `[T]`."""
-    target: Tensor
-    """`[T, A]`."""
-    cue: Tensor
-    """The percept, scaled, `[T, D]`."""
-
-
-class RecalledTarget(NamedTuple):
-    """The current target of a motor schema."""
-
-    target: Tensor  # [A]
-    position: int  # its place in its sequence; of several, that of the nearest cue
-    schema: int  # number of the sequence
-
-
-class RecalledRow(NamedTuple):
-    """The same as a `RecalledTarget`, for a control loop."""
-
-    target: NDArray[np.floating]  # [A]
-    position: int
-    schema: int
-
-
-class RecalledRows(NamedTuple):
-    """The current targets at T samples; NaN, −1 and `NO_NODE` where there is none."""
-
-    target: NDArray[np.floating]  # [T, A]
-    position: NDArray[np.int64]  # [T]
-    schema: NDArray[np.int64]  # [T]
-
-
-class RecalledTargets(NamedTuple):
-    """The current targets at T samples; NaN, −1 and `NO_NODE` where there is none."""
-
-    target: Tensor  # [T, A]
-    position: Tensor  # int64 [T]
-    schema: Tensor  # int64 [T]
+INTEGER = Column((), torch.int64)
+OLD_TENSORS = {"passes": "visits", "room": "capacity"}
+"""Parts of tensors' names in checkpoints of the last release -> those of today."""
 
 
 class Sequences(nn.Module):
-    """Sequences of (target, cue) rows that lie in one pool, one contiguous block each.
+    """Sequences of (target, cue) rows in one pool, one contiguous block each.
 
-    `blocks` says where each sequence starts, how long it is and how much room it has before it must
-    move to the pool's end. So appending costs constant time on average, and a saved pool holds no
-    gaps.
+    `blocks` holds where each sequence starts, its length, and the capacity of its block. A sequence
+    that outgrows its block moves to the pool's end, so appending takes constant time on average. A
+    saved pool has no gaps.
 
     Args:
         target_dimensions: length A of a target.
         cue_dimensions: length D of a cue.
-        of_sequence: what else is kept of each sequence.
-        of_row: what else is kept of each target.
+        of_sequence: further columns of each sequence.
+        of_row: further columns of each target.
     """
 
     def __init__(
@@ -99,88 +48,35 @@ class Sequences(nn.Module):
             }
         )
         self.blocks = GrowableRows(
-            {"start": NUMBER, "length": NUMBER, "room": NUMBER, **of_sequence}
+            {"start": INTEGER, "length": INTEGER, "capacity": INTEGER, **of_sequence}
         )
         self.register_state_dict_pre_hook(compact)
+        rename_on_load(self, OLD_TENSORS)
 
-    def extra_repr(self) -> str:
-        """Return how much is stored, for `print`."""
-        width = self.pool.columns["target"].shape[0]
-        return f"nodes={len(self)}, targets={int(self.lengths.sum())}, target_dimensions={width}"
+    def __len__(self) -> int:
+        """Return the number of nodes."""
+        raise NotImplementedError
 
     @property
     def lengths(self) -> Tensor:
         """Number of targets of each sequence, int64 `[N]`."""
         return self.blocks.live("length")
 
+    def extra_repr(self) -> str:
+        """Return how much is stored, for `print`."""
+        width = self.pool.columns["target"].shape[0]
+        return f"nodes={len(self)}, targets={int(self.lengths.sum())}, target_dimensions={width}"
+
     def targets(self, sequence: int) -> Tensor:
-        """The sequence's targets in order, `[L, A]`."""
+        """Return the sequence's targets in order, `[L, A]`."""
         return self._rows("target", sequence)
 
     def cues(self, sequence: int) -> Tensor:
-        """The percepts, in the map's scaled units, that the targets were shown with, `[L, D]`."""
+        """Return the normalized percepts that the targets were shown with, `[L, D]`."""
         return self._rows("cue", sequence)
 
-    @torch.no_grad()
-    def recall(self, node: int, percept: Tensor) -> RecalledTarget | None:
-        """The current target of the winner; how it is found, each kind of schemas says.
-
-        Args:
-            node: the winner, or `NO_NODE`.
-            percept: `[D]`, scaled.
-
-        Returns:
-            The target, with its place in its sequence; None if there is none.
-
-        Raises:
-            ValueError: no such node, or a percept of the wrong shape, dtype or device, or not
-                finite.
-        """
-        node = self._check_winner(node)
-        check_bounded("percept", batch_of_one(percept), *self._like_a_cue())
-        recalled = self.recall_checked(node, as_array(percept))
-        if recalled is None:
-            return None
-        target, position, schema = recalled
-        return RecalledTarget(torch.from_numpy(target).to(percept), position, schema)
-
-    @torch.no_grad()
-    def recall_samples(self, nodes: Tensor, percepts: Tensor) -> RecalledTargets:
-        """`recall` for winners, or `NO_NODE`, int64 `[T]`, and scaled percepts `[T, D]`.
-
-        Raises:
-            ValueError: no such node, not a percept for each, or a bad one.
-        """
-        check_bounded("percepts", percepts, *self._like_a_cue())
-        if not isinstance(nodes, Tensor) or nodes.shape != (len(percepts),):
-            got = list(nodes.shape) if isinstance(nodes, Tensor) else type(nodes).__name__
-            raise ValueError(f"expected a node for each of {len(percepts)} percepts, got {got}")
-        if nodes.dtype != torch.int64 or nodes.layout != torch.strided:
-            raise ValueError(f"expected nodes as torch.int64, got {nodes.dtype} {nodes.layout}")
-        self._check_winner(int(nodes.min()))
-        self._check_winner(int(nodes.max()))
-        recalled = self.recall_all(nodes.numpy(force=True), as_array(percepts))
-        return RecalledTargets(
-            torch.from_numpy(recalled.target).to(percepts),
-            *(torch.from_numpy(number).to(percepts.device) for number in recalled[1:]),
-        )
-
-    def recall_all(self, nodes: NDArray[np.int64], percepts: NDArray[np.floating]) -> RecalledRows:
-        """`recall_samples` of arrays that are checked."""
-        targets = np.full((len(nodes), self.pool.live("target").shape[1]), np.nan, percepts.dtype)
-        positions, schemas = np.full((2, len(nodes)), NO_NODE)
-        for sample, node in enumerate(nodes.tolist()):
-            recalled = self.recall_checked(node, percepts[sample])
-            if recalled is not None:
-                targets[sample], positions[sample], schemas[sample] = recalled
-        return RecalledRows(targets, positions, schemas)
-
-    def recall_checked(self, node: int, percept: NDArray[np.floating]) -> RecalledRow | None:
-        """`recall` for a winner and a scaled percept `[D]` that are checked."""
-        raise NotImplementedError
-
     def arrays(self, column: str) -> NDArray[Any]:
-        """A column of the pool as an array; of the same memory, if that is possible.
+        """Return a column of the pool as an array, which shares its memory where that is possible.
 
         Raises:
             ValueError: buffers that contradict one another.
@@ -189,10 +85,11 @@ class Sequences(nn.Module):
         return as_array(self.pool.live(column))
 
     def check(self) -> None:
-        """Checks what a user may have done to the buffers, before anything relies on them.
+        """Check the buffers, which a user may have changed.
 
         Raises:
-            ValueError: as `GrowableRows.check`, or sequences that lie outside of the pool.
+            ValueError: as `GrowableRows.check`, several floating-point types, or a sequence outside
+                the pool.
         """
         for rows in self.children():
             if isinstance(rows, GrowableRows):
@@ -200,29 +97,17 @@ class Sequences(nn.Module):
         types = {buffer.dtype for buffer in self.buffers() if buffer.is_floating_point()}
         if len(types) > 1:
             raise ValueError(f"expected columns of one floating-point type, got {types}")
-        start, length, room = (self.blocks.live(name) for name in ("start", "length", "room"))
-        inside = (start >= 0) & (length >= 0) & (room >= length) & (room <= len(self.pool) - start)
-        if not bool(inside.all()):
+        start, length, capacity = map(self.blocks.live, ("start", "length", "capacity"))
+        inside = (start >= 0) & (length >= 0) & (capacity >= length)
+        if not bool((inside & (capacity <= len(self.pool) - start)).all()):
             raise ValueError(f"expected sequences within the {len(self.pool)} rows of the pool")
 
     def check_pair(self, targets: object, cues: object) -> None:
-        """Raises a ValueError unless these are targets `[T, A]` and scaled cues `[T, D]`."""
-        self.pool.check()
-        wanted = self.pool.live("target")
-        check_bounded("targets", targets, wanted.shape[1], wanted)
-        check_bounded("cues", cues, *self._like_a_cue())
-
-    def _like_a_cue(self) -> tuple[int, Tensor]:
+        """Raise a ValueError unless these are targets `[T, A]` and normalized cues `[T, D]`."""
         self.check()
-        cues = self.pool.live("cue")
-        return cues.shape[1], cues
-
-    def _check_winner(self, node: int) -> int:
-        return check_number("a node", node, len(self), NO_NODE, f", {NO_NODE} for none")
-
-    def __len__(self) -> int:
-        """The number of nodes."""
-        raise NotImplementedError
+        for name, rows in (("target", targets), ("cue", cues)):
+            stored = self.pool.live(name)
+            check_bounded(f"{name}s", rows, stored.shape[1], stored)
 
     def _rows(self, column: str, sequence: int) -> Tensor:
         sequence = check_number("a schema", sequence, len(self.blocks))
@@ -232,78 +117,68 @@ class Sequences(nn.Module):
             raise ValueError(f"expected schema {sequence} within the {len(rows)} rows of the pool")
         return rows[start : start + length]
 
-    def append_each(self, sequences: Tensor, counts: Tensor, rows: Mapping[str, Tensor]) -> None:
-        """Appends rows to several sequences.
+    def append_rows(self, sequences: Tensor, counts: Tensor, rows: Mapping[str, Tensor]) -> None:
+        """Append rows to several sequences.
 
         Args:
-            sequences: which, int64 `[N]`, none of them twice.
-            counts: how many rows each gets, int64 `[N]`.
-            rows: of each column a tensor `[sum of counts, ...]`, one sequence after the other.
+            sequences: which ones, int64 `[N]`, all different.
+            counts: number of new rows of each, int64 `[N]`.
+            rows: column -> values `[sum of counts, ...]`, one sequence after the other.
         """
-        if len(self.pool) > 4 * max(8, int(self.blocks.live("room").sum())):
-            compact(self)  # before anything is told by how much room there is
+        if len(self.pool) > 4 * max(8, int(self.blocks.live("capacity").sum())):
+            compact(self)
         lengths = self.lengths[sequences]
-        full = lengths + counts > self.blocks.live("room")[sequences]
+        full = lengths + counts > self.blocks.live("capacity")[sequences]
         if bool(full.any()):
-            self._make_room(sequences[full], (lengths + counts)[full])
+            self._move_to_end(sequences[full], (lengths + counts)[full])
         places = rows_of(self.blocks.live("start")[sequences] + lengths, counts)
         for name, values in rows.items():
             self.pool.live(name)[places] = values
         self.lengths[sequences] = lengths + counts
 
-    def _make_room(self, sequences: Tensor, wanted: Tensor) -> None:
-        """Moves sequences to the pool's end, each into a block of at least twice the room."""
+    def _move_to_end(self, sequences: Tensor, wanted: Tensor) -> None:
+        """Move sequences to the pool's end, each into a block of at least twice its length."""
         lengths = self.lengths[sequences]
-        room = torch.maximum(2 * lengths, wanted).clamp(min=8)
-        start = self.pool.extend(int(room.sum())) + room.cumsum(0) - room
+        capacity = torch.maximum(2 * lengths, wanted).clamp(min=8)
+        start = self.pool.extend(int(capacity.sum())) + capacity.cumsum(0) - capacity
         old, new = rows_of(self.blocks.live("start")[sequences], lengths), rows_of(start, lengths)
         for name in self.pool.columns:
             column = self.pool.live(name)
             column[new] = column[old]
         self.blocks.live("start")[sequences] = start
-        self.blocks.live("room")[sequences] = room
-
-
-def in_single(rows: Tensor) -> Tensor:
-    """Half precision in float32, for what cannot be computed in it; all other rows as they are."""
-    return rows.float() if rows.dtype in (torch.half, torch.bfloat16) else rows
-
-
-def as_array(rows: Tensor) -> NDArray[Any]:
-    """Rows as a contiguous array, of the same memory if they are that; half precision in single."""
-    return in_single(rows.detach()).contiguous().numpy(force=True)
+        self.blocks.live("capacity")[sequences] = capacity
 
 
 def rows_of(starts: Tensor, counts: Tensor) -> Tensor:
-    """Numbers of the rows of blocks, one block after the other, int64 `[sum of counts]`.
+    """Return the row numbers of blocks, one block after the other, int64 `[sum of counts]`.
 
     Args:
-        starts: the first row of each block, int64 `[N]`.
-        counts: rows of each, int64 `[N]`.
+        starts: first row of each block, int64 `[N]`.
+        counts: number of rows of each, int64 `[N]`.
     """
-    # To the place among all of them: what lies between it and its row.
+    # What lies between a row and its index in the result.
     shift = torch.repeat_interleave(starts - (counts.cumsum(0) - counts), counts)
     return torch.arange(len(shift), device=shift.device) + shift
 
 
 def compact(sequences: nn.Module, *_: object) -> None:
-    """Lays the sequences end to end in the order of their numbers; what they hold stays.
+    """Lay the sequences end to end in the order of their ids.
 
-    Rows of the pool are numbered anew, and none is left that belongs to no sequence. They move to
-    other memory, unless there is no gap.
+    Rows of the pool get new numbers, and rows of no sequence are dropped. Where there is a gap, the
+    rows move to new memory.
 
     Raises:
         ValueError: buffers that contradict one another.
     """
     assert isinstance(sequences, Sequences)
-    Sequences.check(sequences)  # of more, nothing may hold while an episode is being learned
+    Sequences.check(sequences)  # subclasses check more, which may not hold during an episode
     blocks, pool = sequences.blocks, sequences.pool
     lengths = blocks.live("length")
     starts = lengths.cumsum(0) - lengths
     if torch.equal(starts, blocks.live("start")) and int(lengths.sum()) == len(pool):
-        if not torch.equal(blocks.live("room"), lengths):
-            blocks.live("room").copy_(lengths)
+        if not torch.equal(blocks.live("capacity"), lengths):
+            blocks.live("capacity").copy_(lengths)
         return
     pool.select(rows_of(blocks.live("start"), lengths))
     blocks.live("start").copy_(starts)
-    blocks.live("room").copy_(lengths)
+    blocks.live("capacity").copy_(lengths)

@@ -1,161 +1,158 @@
-"""Passes: an episode is kept as the stretches of it at one habituated node each.
+"""Visits: an episode is kept as the stretches of it at one habituated node each.
 
-A node that wins again soon goes on with its pass. What is kept follows from the samples alone, to
-the bit, in whatever portions they come.
+A node that wins again soon continues its visit. The result depends on the samples alone, to the
+bit, not on the portions in which they come.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
 from pacnet.attention.records import NO_NODE
-from pacnet.schemas.sequences import Samples
+from pacnet.schemas.memory import EpisodicMemory
+from pacnet.schemas.records import Samples
 from pacnet.schemas.state_checks import OPEN
 
-if TYPE_CHECKING:
-    from pacnet.competition.competing_schemas import CompetingSchemas
+_NO_ROW = -1
 
 
 @dataclass(eq=False)
-class Pass:
-    """A pass of the episode that is being learned.
+class Visit:
+    """A visit of the episode that is being learned.
 
     Attributes:
-        node: at which it is.
+        node: where it is.
         last: sample of the episode at which the node won last.
-        number: its row among the passes that are remembered; `NO_NODE` while it has none.
-        schema: number of its own schema, likewise.
-        samples: those of the portion at hand that belong to it, ascending.
+        row: of `EpisodicMemory.visits`; −1 while it has none.
+        schema: id of its own schema, likewise.
+        samples: those of the current portion that belong to it, ascending.
     """
 
     node: int
     last: int
-    number: int = NO_NODE
-    schema: int = NO_NODE
+    row: int = _NO_ROW
+    schema: int = _NO_ROW
     samples: list[int] = field(default_factory=list)
 
 
-def take_in(schemas: CompetingSchemas, samples: Samples) -> None:
-    """Learns the next portion of the episode that was begun last.
-
-    Args:
-        schemas: changed.
-        samples: at least one.
-    """
-    episode = schemas.episodes
+def add_samples(memory: EpisodicMemory, samples: Samples) -> None:
+    """Learn the next portion of the latest episode, at least one sample, in place."""
+    episode = memory.episodes
     first = int(episode.live("samples")[-1])
     nodes = samples.node.where(samples.habituated, NO_NODE).tolist()
-    passes = assign(nodes, first, _recent(schemas, first), schemas.config.continuation)
-    _open(schemas, [new for new in passes if new.number == NO_NODE], first)
-    _keep(schemas, [here for here in passes if here.samples], samples, first)
-    _look_on(schemas, passes, samples.cue, first)
+    lookahead = memory.config.lookahead_samples
+    visits = assign_samples(nodes, first, _unfinished(memory, first), lookahead)
+    _start(memory, [new for new in visits if new.row == _NO_ROW], first)
+    _append(memory, [visit for visit in visits if visit.samples], samples, first)
+    _update_continuations(memory, visits, samples.cue, first)
     episode.live("samples")[-1] += len(nodes)
     episode.live("last_cue")[-1] = samples.cue[-1]
 
 
-def assign(
-    nodes: Sequence[int], first: int, recent: Sequence[Pass], continuation: int
-) -> list[Pass]:
-    """Gives each sample to its pass.
+def assign_samples(
+    nodes: Sequence[int], first: int, unfinished: Sequence[Visit], lookahead: int
+) -> list[Visit]:
+    """Assign each sample to its visit.
 
     Args:
         nodes: the habituated winner at each sample, or `NO_NODE`.
         first: which sample of the episode the first one is.
-        recent: passes that may go on, one a node.
-        continuation: samples after its last at which a pass still may.
+        unfinished: visits that may continue, one per node.
+        lookahead: number of samples after its last within which a visit may continue.
 
     Returns:
-        The recent passes, changed, and then those that began, in the order in which they did.
+        The unfinished visits, changed, then the new ones in the order of their first samples.
     """
-    passes = list(recent)
-    at = {known.node: known for known in passes}
+    visits = list(unfinished)
+    at = {visit.node: visit for visit in visits}
     for sample, node in enumerate(nodes):
         if node == NO_NODE:
             continue
-        here = at.get(node)
-        if here is None or first + sample - here.last > continuation:
-            here = at[node] = Pass(node, first + sample)
-            passes.append(here)
-        here.last = first + sample
-        here.samples.append(sample)
-    return passes
+        visit = at.get(node)
+        if visit is None or first + sample - visit.last > lookahead:
+            visit = at[node] = Visit(node, first + sample)
+            visits.append(visit)
+        visit.last = first + sample
+        visit.samples.append(sample)
+    return visits
 
 
-def means_going_on(means: Tensor, seen: Tensor, values: Tensor, counts: Tensor) -> Tensor:
-    """Running means after more values, to the bit as if these had come one at a time.
+def continue_means(means: Tensor, seen: Tensor, values: Tensor, counts: Tensor) -> Tensor:
+    """Update running means, to the bit as if the values had come one at a time.
 
     Args:
         means: of the values so far, `[K]`.
-        seen: how many each is of so far, int64 `[K]`.
-        values: `[sum of counts]`, of the means' dtype: those of one mean after those of another.
-        counts: how many each gets, int64 `[K]`, ≥ 1.
+        seen: number of values in each so far, int64 `[K]`.
+        values: new values `[sum of counts]` of the means' dtype, one mean after the other.
+        counts: number of new values of each, int64 `[K]`, ≥ 1.
 
     Returns:
         The means over all values, `[K]`.
     """
     table = pad_sequence(list(values.split(counts.tolist())))  # [most, K]
     rank = torch.arange(1, len(table) + 1, device=means.device)[:, None]
-    # Where there are no more values, a mean moves on by an infinitely small part.
+    # A division by infinity leaves a mean that gets no more values as it is.
     parts = (seen + rank).to(means.dtype).where(rank <= counts, torch.inf)
     for row, part in zip(table.unbind(), parts.unbind(), strict=True):
         means = means + (row - means) / part
     return means
 
 
-def _recent(schemas: CompetingSchemas, frame: int) -> list[Pass]:
-    """This episode's passes of which it is still seen what comes after."""
-    passes = schemas.passes
-    this = passes.live("episode") == len(schemas.episodes) - 1
-    since = frame - passes.live("last")
-    number = (this & (since <= schemas.config.continuation)).nonzero().flatten()
-    schema = passes.live("schema")[number]
-    columns = (schemas.blocks.live("node")[schema], passes.live("last")[number], number, schema)
-    return [Pass(*row) for row in torch.stack(columns, dim=1).tolist()]
+def _unfinished(memory: EpisodicMemory, frame: int) -> list[Visit]:
+    """Return the latest episode's visits whose continuation is still to be seen."""
+    visits = memory.visits
+    latest = visits.live("episode") == len(memory.episodes) - 1
+    since = frame - visits.live("last")
+    row = (latest & (since <= memory.config.lookahead_samples)).nonzero().flatten()
+    schema = visits.live("schema")[row]
+    columns = (memory.blocks.live("node")[schema], visits.live("last")[row], row, schema)
+    return [Visit(*fields) for fields in torch.stack(columns, dim=1).tolist()]
 
 
-def _open(schemas: CompetingSchemas, new: list[Pass], first: int) -> None:
-    """Gives new passes their numbers, and each a schema of its own."""
+def _start(memory: EpisodicMemory, new: list[Visit], first: int) -> None:
+    """Give new visits their rows, and each a schema of its own."""
     if not new:
         return
-    blocks, passes = schemas.blocks, schemas.passes
-    schema, number = blocks.extend(len(new)), passes.extend(len(new))
-    for place, each in enumerate(new):
-        each.number, each.schema = number + place, schema + place
+    blocks, visits = memory.blocks, memory.visits
+    schema, row = blocks.extend(len(new)), visits.extend(len(new))
+    for index, visit in enumerate(new):
+        visit.row, visit.schema = row + index, schema + index
     nodes = blocks.live("node")
-    nodes[schema:] = nodes.new_tensor([each.node for each in new])
+    nodes[schema:] = nodes.new_tensor([visit.node for visit in new])
     blocks.live("support")[schema:] = OPEN
-    blocks.live("shown_in")[schema:] = passes.live("episode")[number:] = len(schemas.episodes) - 1
-    passes.live("schema")[number:] = torch.arange(schema, len(blocks), device=nodes.device)
-    passes.live("first")[number:] = nodes.new_tensor([first + each.samples[0] for each in new])
+    blocks.live("shown_in")[schema:] = visits.live("episode")[row:] = len(memory.episodes) - 1
+    visits.live("schema")[row:] = torch.arange(schema, len(blocks), device=nodes.device)
+    visits.live("first")[row:] = nodes.new_tensor([first + visit.samples[0] for visit in new])
 
 
-def _keep(schemas: CompetingSchemas, passes: list[Pass], samples: Samples, first: int) -> None:
-    """Appends samples to the schemas of their passes."""
-    if not passes:
+def _append(memory: EpisodicMemory, visits: list[Visit], samples: Samples, first: int) -> None:
+    """Append samples to the schemas of their visits."""
+    if not visits:
         return
-    fit, lengths = schemas.blocks.live("fit"), schemas.lengths
-    rows = [(each.schema, len(each.samples)) for each in passes]
+    fit, lengths = memory.blocks.live("fit"), memory.lengths
+    rows = [(visit.schema, len(visit.samples)) for visit in visits]
     schema, count = lengths.new_tensor(rows).unbind(dim=1)
-    order = lengths.new_tensor([sample for each in passes for sample in each.samples])
+    order = lengths.new_tensor([sample for visit in visits for sample in visit.samples])
     activation = samples.activation[order].to(fit.dtype)
-    fit[schema] = means_going_on(fit[schema], lengths[schema], activation, count)
+    fit[schema] = continue_means(fit[schema], lengths[schema], activation, count)
     columns = {"target": samples.target[order], "cue": samples.cue[order], "frame": first + order}
-    schemas.append_each(schema, count, columns)
+    memory.append_rows(schema, count, columns)
 
 
-def _look_on(schemas: CompetingSchemas, passes: list[Pass], cues: Tensor, first: int) -> None:
-    """Keeps where passes end so far, and what came after: the latest of a few cues."""
-    if not passes:
+def _update_continuations(
+    memory: EpisodicMemory, visits: list[Visit], cues: Tensor, first: int
+) -> None:
+    """Keep where visits end so far, and the latest percept that counts as what came after."""
+    if not visits:
         return
-    latest = [each.last + schemas.config.continuation - first for each in passes]
+    latest = [visit.last + memory.config.lookahead_samples - first for visit in visits]
     seen = [min(sample, len(cues) - 1) for sample in latest]
-    rows = [(each.number, each.last, each.schema) for each in passes]
-    number, last, schema = schemas.lengths.new_tensor(rows).unbind(dim=1)
-    schemas.passes.live("last")[number] = last
-    schemas.blocks.live("continuation")[schema] = cues[seen]
+    rows = [(visit.row, visit.last, visit.schema) for visit in visits]
+    row, last, schema = memory.lengths.new_tensor(rows).unbind(dim=1)
+    memory.visits.live("last")[row] = last
+    memory.blocks.live("continuation")[schema] = cues[seen]

@@ -540,7 +540,7 @@ def test_a_distance_is_the_same_to_all_who_ask(dimensions: int):
         assert [field[0].item() for field in other.observe(percept.expand(3, -1))[:3]] == wanted
         recalled = schemas.recall(0, percept)
         assert recalled is not None
-        assert recalled.position == wanted[0]
+        assert recalled.offset == wanted[0]
 
 
 def test_of_equally_near_nodes_the_first_win_however_many_percepts_are_read():

@@ -234,7 +234,7 @@ def make_random(seed: int, forget: bool) -> CompetingSchemas:
     def draw(under: int) -> int:
         return int(torch.randint(under, (), generator=generator))
 
-    schemas = CompetingSchemas(CompetingSchemasConfig(1, percept_dimensions=1, continuation=4))
+    schemas = CompetingSchemas(CompetingSchemasConfig(1, percept_dimensions=1, lookahead_samples=4))
     for _ in range(6):
         schemas.add_node()
     for episode in range(8):

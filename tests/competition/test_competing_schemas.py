@@ -11,13 +11,13 @@ import pytest
 import torch
 
 from pacnet import NO_NODE, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
-from pacnet.competition.confidences import NodeSchemas
+from pacnet.competition.confidences import SchemaConfidences
 
 FAR = 9.0
 
 
 def make_schemas(nodes: int = 3, **fields: object) -> CompetingSchemas:
-    fields = {"continuation": 3, "alike_above": 0.75, **fields}
+    fields = {"lookahead_samples": 3, "same_schema_similarity": 0.75, **fields}
     schemas = CompetingSchemas(CompetingSchemasConfig(1, percept_dimensions=1, **fields))
     for _ in range(nodes):
         schemas.add_node()
@@ -84,7 +84,7 @@ def test_a_pass_keeps_its_targets_with_cues_and_times():
 
 @pytest.mark.parametrize(("absent", "passes"), [(0, 1), (2, 1), (3, 2)])
 def test_a_node_that_wins_again_soon_goes_on_with_its_schema(absent: int, passes: int):
-    schemas = make_schemas(continuation=3)
+    schemas = make_schemas(lookahead_samples=3)
     schemas.begin(0, "")
     write(schemas, 0, 0.0, 0.1)
     away(schemas, absent)  # the next sample is absent + 1 after the last
@@ -107,7 +107,7 @@ def test_two_nodes_in_turn_keep_a_schema_each():
 
 
 def test_what_came_after_is_seen_a_few_samples_later_or_at_the_episodes_end():
-    schemas = make_schemas(continuation=3)
+    schemas = make_schemas(lookahead_samples=3)
     schemas.begin(0, "")
     write(schemas, 0, 0.0, 0.1)
     for cue in (1.0, 2.0, 3.0, 4.0):
@@ -171,7 +171,7 @@ def test_a_part_of_a_sequence_is_alike_to_the_whole():
 
 
 def test_of_several_alike_the_most_alike_is_the_twin():
-    schemas = make_schemas(alike_above=0.99)  # within .01
+    schemas = make_schemas(same_schema_similarity=0.99)  # within .01
     show(schemas, 0, 0.0)
     show(schemas, 1, 0.015)
     show(schemas, 2, 0.009)
@@ -356,8 +356,8 @@ def test_random_episodes_with_deletions_equal_plain_lists():
     def chance(under: int) -> int:
         return int(torch.randint(under, (), generator=generator))
 
-    schemas = make_schemas(nodes=6, alike_above=0.999999, schemas_per_node=1000)
-    plain = PlainPasses(continuation=3)
+    schemas = make_schemas(nodes=6, same_schema_similarity=0.999999, schemas_per_node=1000)
+    plain = PlainPasses(lookahead_samples=3)
     for episode in range(12):
         schemas.begin(episode, "")
         plain.begin(episode)
@@ -441,7 +441,7 @@ def test_what_is_seen_while_nobody_wins_counts_too():
 
 
 def test_of_the_same_confidence_the_better_fit_wins():
-    schemas = make_schemas(alike_above=0.99, margin=0.0)
+    schemas = make_schemas(same_schema_similarity=0.99, margin=0.0)
     for episode, cue in enumerate((0.0, 0.6)):
         show(schemas, episode, *[cue] * 4, target=cue)
     for percept, target in ((0.5, 0.6), (0.1, 0.0)):
@@ -451,7 +451,7 @@ def test_of_the_same_confidence_the_better_fit_wins():
 
 @pytest.mark.parametrize(("margin", "then"), [(0.0, 0.6), (0.9, 0.0)])
 def test_an_incumbent_stays_until_a_challenger_is_better_by_the_margin(margin: float, then: float):
-    schemas = make_schemas(alike_above=0.99, margin=margin)
+    schemas = make_schemas(same_schema_similarity=0.99, margin=margin)
     for episode, cue in enumerate((0.0, 0.6)):
         show(schemas, episode, *[cue] * 4, target=cue)
     assert recalled(schemas, 0.2, 0.5) == [0.0, pytest.approx(then)]
@@ -503,7 +503,7 @@ def test_episodes_of_any_length_are_recalled_from_end_to_end(samples: int):
     assert recalled(schemas, *course) == course
     recall = schemas._recall
     assert recall is not None
-    here = NodeSchemas(schemas, schemas.schemas_of(0), recall.timeline)
+    here = SchemaConfidences(schemas, schemas.schemas_of(0), recall.timeline)
     fitting = np.zeros(len(schemas.pool), np.float32)  # all cues do: only what is watched counts
     watched = here.confidences(fitting, recall.belief.probability)
     assert watched.sum() == pytest.approx(1, abs=0.02)
@@ -544,7 +544,7 @@ def test_what_is_out_of_reach_never_competes_whatever_the_threshold():
 
 @pytest.mark.parametrize(("margin", "then"), [(0.0, 0.6), (0.9, 0.0)])
 def test_elsewhere_an_incumbent_stays_by_the_margin_too(margin: float, then: float):
-    schemas = make_schemas(alike_above=0.99, margin=margin)
+    schemas = make_schemas(same_schema_similarity=0.99, margin=margin)
     for episode, cue in enumerate((0.0, 0.6)):
         show(schemas, episode, *[cue] * 4, target=cue)
     assert recalled(schemas, 0.25, 0.35, node=1) == [0.0, pytest.approx(then)]
@@ -594,11 +594,11 @@ def test_what_is_learned_between_two_recalls_counts():
         ("percept_dimensions", 1.0),
         ("schemas_per_node", 0),
         ("nearest_cues", 0),
-        ("alike_above", 1.0),
-        ("alike_above", 0.0),
+        ("same_schema_similarity", 1.0),
+        ("same_schema_similarity", 0.0),
         ("continuation", 0),
-        ("worse_by", 1.0),
-        ("worse_by", -0.1),
+        ("max_quality_drop", 1.0),
+        ("max_quality_drop", -0.1),
         ("recognition", None),
     ],
 )

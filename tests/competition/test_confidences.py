@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from pacnet import NO_NODE, CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
-from pacnet.competition.confidences import NodeSchemas
+from pacnet.competition.confidences import SchemaConfidences
 from pacnet.competition.recall import CompetingRecall
 
 NODES, PLACES = 4, 16
@@ -20,7 +20,7 @@ def make_random(seed: int) -> CompetingSchemas:
     """Episodes of 10 to 60 samples; each begins and ends at a habituated node."""
     generator = torch.Generator().manual_seed(seed)
     config = CompetingSchemasConfig(
-        1, percept_dimensions=2, continuation=2, recognition=RecognitionConfig(places=PLACES)
+        1, percept_dimensions=2, lookahead_samples=2, recognition=RecognitionConfig(places=PLACES)
     )
     schemas = CompetingSchemas(config)
     for _ in range(NODES):
@@ -60,7 +60,7 @@ def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue
     several = 0
     for node in range(NODES):
         numbers = schemas.schemas_of(node)
-        here = NodeSchemas(schemas, numbers, timeline)
+        here = SchemaConfidences(schemas, numbers, timeline)
         assert here.numbers == numbers.tolist()
         several += len(schemas.lengths[numbers].unique()) > 1
         for _ in range(3):
@@ -79,7 +79,7 @@ def test_no_confidence_is_over_one():
     schemas = make_random(0)
     timeline = schemas.timeline()
     assert timeline is not None
-    here = NodeSchemas(schemas, schemas.schemas_of(0), timeline)
+    here = SchemaConfidences(schemas, schemas.schemas_of(0), timeline)
     certain = np.ones(timeline.rows.shape)  # which rounding may exceed
     near = np.zeros(len(schemas.pool), np.float32)
     assert here.confidences(near, certain).tolist() == [1.0] * len(here.numbers)
@@ -89,7 +89,7 @@ def test_the_place_of_a_schema_and_its_rows():
     schemas = make_random(0)
     timeline = schemas.timeline()
     assert timeline is not None
-    here = NodeSchemas(schemas, schemas.schemas_of(1), timeline)
+    here = SchemaConfidences(schemas, schemas.schemas_of(1), timeline)
     for place, schema in enumerate(here.numbers):
         assert here.place_of(schema) == place
         assert torch.equal(schemas.pool.live("cue")[here.rows_of(place)], schemas.cues(schema))
@@ -101,7 +101,7 @@ def test_what_is_laid_out_for_more_than_it_is_given_is_refused():
     schemas = make_random(0)
     timeline = schemas.timeline()
     assert timeline is not None
-    here = NodeSchemas(schemas, schemas.schemas_of(0), timeline)
+    here = SchemaConfidences(schemas, schemas.schemas_of(0), timeline)
     near = np.zeros(len(schemas.pool), np.float32)
     with pytest.raises(ValueError, match="of all that is known"):
         here.confidences(near[:1], timeline.start)

@@ -15,7 +15,7 @@ ELSEWHERE = 9.0
 
 
 def make_schemas(**fields: object) -> CompetingSchemas:
-    fields = {"continuation": 3, "alike_above": 0.75, **fields}
+    fields = {"lookahead_samples": 3, "same_schema_similarity": 0.75, **fields}
     schemas = CompetingSchemas(CompetingSchemasConfig(1, percept_dimensions=1, **fields))
     for _ in range(2):
         schemas.add_node()
@@ -103,7 +103,7 @@ def wander(schemas: CompetingSchemas, episode: int, generator: torch.Generator) 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_first_origin_is_where_the_target_was_shown(seed: int):
     generator = torch.Generator().manual_seed(seed)
-    schemas = CompetingSchemas(CompetingSchemasConfig(2, percept_dimensions=1, continuation=4))
+    schemas = CompetingSchemas(CompetingSchemasConfig(2, percept_dimensions=1, lookahead_samples=4))
     for _ in range(5):
         schemas.add_node()
     for episode in range(10, 22):

@@ -206,32 +206,32 @@ def test_recall_follows_the_one_that_is_shown_with_names_or_without(side: int, n
     percepts, targets = make_episode(side, seed=9)
     recall = network.recall(percepts)
     after = slice(75, None)
-    assert recall.commanded[after].float().mean() > 0.9
-    assert (recall.targets[after] - targets[after]).abs().nanmean() < 0.1
+    assert recall.has_target[after].float().mean() > 0.9
+    assert (recall.target[after] - targets[after]).abs().nanmean() < 0.1
 
 
 def test_the_schema_recalled_belongs_to_the_winner_and_holds_the_target():
     network = make_taught()
     recall = network.recall(make_episode(-1, seed=9)[0])
-    for sample in recall.commanded.nonzero().flatten().tolist():
-        schema, position = int(recall.schema[sample]), int(recall.position[sample])
+    for sample in recall.has_target.nonzero().flatten().tolist():
+        schema, position = int(recall.schema[sample]), int(recall.offset[sample])
         assert network.schemas.blocks.live("node")[schema] == recall.winner[sample]
-        assert torch.equal(network.schemas.targets(schema)[position], recall.targets[sample])
-    assert (recall.schema == -1).equal(~recall.commanded)
-    assert recall.commanded.any()
+        assert torch.equal(network.schemas.targets(schema)[position], recall.target[sample])
+    assert (recall.schema == -1).equal(~recall.has_target)
+    assert recall.has_target.any()
 
 
 def test_below_the_match_threshold_nothing_is_commanded():
     recall = make_taught().recall(torch.full((3, 2), 50.0))
-    assert not recall.commanded.any()
-    assert recall.targets.isnan().all()
+    assert not recall.has_target.any()
+    assert recall.target.isnan().all()
 
 
 # Over time
 
 
 def test_observing_at_once_equals_sample_by_sample():
-    whole, single = make_network(continuation=4), make_network(continuation=4)
+    whole, single = make_network(lookahead_samples=4), make_network(lookahead_samples=4)
     for episode in range(3):
         percepts, targets = make_episode(side_of(episode), seed=episode)
         whole.observe(percepts, targets, episode, "same")
@@ -364,7 +364,9 @@ def test_learning_and_watching_go_on_after_save_and_load(tmp_path):
 
 def test_map_and_schemas_agree_after_every_sample_of_a_random_run():
     attention = SOFMConfig.gwr(2, novelty_threshold=0.6, max_edge_age=4, neighbour_rate=0.05)
-    schemas = CompetingSchemasConfig(1, 2, schemas_per_node=2, continuation=3, alike_above=0.6)
+    schemas = CompetingSchemasConfig(
+        1, 2, schemas_per_node=2, lookahead_samples=3, same_schema_similarity=0.6
+    )
     network = PACNet(PACNetConfig(attention, schemas))
     generator = torch.Generator().manual_seed(0)
     percepts = torch.randn(400, 2, generator=generator).mul(0.3).cumsum(0) % 3
@@ -401,7 +403,7 @@ def test_before_anything_was_learned_there_is_nothing_to_recognise():
     for _ in range(2):
         with pytest.raises(ValueError, match="learned schemas, got one without"):
             network.recognise(torch.zeros(1, 2))
-        assert not network.recall(torch.zeros(1, 2)).commanded.any()
+        assert not network.recall(torch.zeros(1, 2)).has_target.any()
         network.observe(torch.zeros(5, 2), torch.zeros(5, 1), episode=0)  # none habituated yet
 
 
@@ -447,7 +449,7 @@ def test_bad_targets_neither_begin_an_episode_nor_name_a_behaviour():
 
 
 def test_the_config_comes_back_from_json_with_its_kind(tmp_path):
-    network = make_network(worse_by=0.5, margin=0.25)
+    network = make_network(max_quality_drop=0.5, margin=0.25)
     network.save_pretrained(tmp_path)
     loaded = PACNet.from_pretrained(tmp_path)
     assert loaded.config == network.config

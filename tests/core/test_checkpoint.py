@@ -511,5 +511,5 @@ def test_the_checkpoint_that_ships_with_one_schema_a_node_still_loads():
     assert isinstance(network.config.schemas, MotorSchemasConfig)
     percepts = network.sofm.prototypes
     recall = network.recall(percepts)
-    assert recall.commanded.any()
-    assert torch.equal(recall.schema, recall.winner.where(recall.commanded, torch.tensor(-1)))
+    assert recall.has_target.any()
+    assert torch.equal(recall.schema, recall.winner.where(recall.has_target, torch.tensor(-1)))

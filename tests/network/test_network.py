@@ -60,8 +60,8 @@ def test_recall_gives_the_targets_that_were_shown():
     network = make_taught()
     percepts, targets = make_circle(noise=0.01, seed=9)
     recall = network.recall(percepts)
-    assert recall.commanded.all()
-    assert (recall.targets - targets).abs().mean() < 0.03
+    assert recall.has_target.all()
+    assert (recall.target - targets).abs().mean() < 0.03
 
 
 def test_recall_keeps_pace_with_a_slower_and_a_faster_teacher():
@@ -69,16 +69,16 @@ def test_recall_keeps_pace_with_a_slower_and_a_faster_teacher():
     for samples in (120, 400):
         network.reset()
         percepts, targets = make_circle(samples, noise=0.01, seed=9)
-        assert (network.recall(percepts).targets - targets).abs().mean() < 0.03
+        assert (network.recall(percepts).target - targets).abs().mean() < 0.03
 
 
 def test_below_the_match_threshold_nothing_is_commanded():
     network = make_taught()
     recall = network.recall(torch.tensor([[50.0, 50.0], [2.0, 0.0]]))
-    assert recall.commanded.tolist() == [False, True]
-    assert recall.novelty.tolist() == [True, False]
-    assert recall.targets.isnan().flatten().tolist() == [True, False]
-    assert recall.position[0].item() == -1
+    assert recall.has_target.tolist() == [False, True]
+    assert recall.is_novel.tolist() == [True, False]
+    assert recall.target.isnan().flatten().tolist() == [True, False]
+    assert recall.offset[0].item() == -1
 
 
 def test_a_node_that_never_habituated_commands_nothing():
@@ -86,13 +86,13 @@ def test_a_node_that_never_habituated_commands_nothing():
     percepts = torch.zeros(5, 2)
     network.observe(percepts, torch.ones(5, 1), episode=0)
     recall = network.recall(percepts[:1])
-    assert not recall.novelty.item()
-    assert not recall.commanded.item()
+    assert not recall.is_novel.item()
+    assert not recall.has_target.item()
 
 
 def test_an_untaught_network_commands_nothing():
     recall = make_network().recall(torch.zeros(3, 2))
-    assert not recall.commanded.any()
+    assert not recall.has_target.any()
     assert recall.winner.tolist() == [-1, -1, -1]
 
 
@@ -163,7 +163,7 @@ def test_learning_goes_on_after_save_and_load(tmp_path):
         one.observe(percepts, targets, episode=3)
     for name, value in network.state_dict().items():
         assert torch.equal(value, loaded.state_dict()[name]), name
-    assert_same(network.recall(percepts).targets, loaded.recall(percepts).targets)
+    assert_same(network.recall(percepts).target, loaded.recall(percepts).target)
 
 
 def test_an_untaught_network_saves_and_loads(tmp_path):

@@ -85,15 +85,15 @@ def test_it_starts_from_the_state_where_that_is_not_the_percept():
 
 def test_nothing_is_done_about_an_unknown_percept():
     acted = taught(Towards()).act(torch.cat([NOWHERE, HERE]))
-    assert acted.given.tolist() == [False, True]
+    assert acted.has_action.tolist() == [False, True]
     assert acted.action.isnan().flatten().tolist() == [True, False]
     assert acted.abstained.tolist() == [False, False]
 
 
 def test_nothing_is_done_where_the_forward_model_abstains():
     acted = taught(Towards(deadband=0.5)).act(HERE)
-    assert acted.recall.commanded.item()
-    assert not acted.given.item()
+    assert acted.has_target.item()
+    assert not acted.has_action.item()
     assert acted.abstained.item()
     assert acted.action.isnan().item()
 

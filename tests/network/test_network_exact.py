@@ -60,13 +60,13 @@ def test_of_cues_equally_near_the_first_count(nearest_cues: int):
     assert network.schemas.lengths.max() > 200
     percepts, ties = crowd(200, 1), 0
     recall = network.recall(percepts)
-    assert recall.commanded.all()
+    assert recall.has_target.all()
     for sample, percept in enumerate(percepts.numpy()):
         node = int(recall.winner[sample])
         rows = network.schemas.cues(node).numpy(), network.schemas.targets(node).numpy()
         target, first, tied = mean_of_nearest(*rows, percept, nearest_cues)
-        np.testing.assert_allclose(recall.targets[sample], target, rtol=2e-7)
-        assert int(recall.position[sample]) == first
+        np.testing.assert_allclose(recall.target[sample], target, rtol=2e-7)
+        assert int(recall.offset[sample]) == first
         ties += tied
     assert ties > 50 or nearest_cues == 1000  # which is all there are
 

@@ -159,7 +159,7 @@ def assert_equal_rows(rows: list[NDArray[np.float32] | None], expected: Tensor) 
 
 
 def assert_recalled(decisions: list[Decision], recall: Recall) -> None:
-    assert_equal_rows([decision.target for decision in decisions], recall.targets)
+    assert_equal_rows([decision.target for decision in decisions], recall.target)
     for name in ("winner", "activation", "novelty", "position", "schema"):
         got = [getattr(decision, name) for decision in decisions]
         assert got == getattr(recall, name).tolist(), name
@@ -187,8 +187,8 @@ def assert_steps_as_recalls(network: PACNet, percepts: Tensor) -> None:
 def test_it_equals_recall_sample_by_sample(engine: str, schemas: str):
     network, twin = taught(engine, schemas), taught(engine, schemas)
     recall = twin.recall(walk())
-    assert 5 < recall.novelty.sum() < 20
-    assert 30 < recall.commanded.sum() < 60
+    assert 5 < recall.is_novel.sum() < 20
+    assert 30 < recall.has_target.sum() < 60
     decisions = steps(network, walk())
     assert_recalled(decisions, recall)
     assert all(decision.action is None for decision in decisions)
@@ -199,7 +199,7 @@ def test_it_equals_recall_sample_by_sample(engine: str, schemas: str):
 def test_it_equals_act_sample_by_sample(engine: str, name: str):
     network, twin = (taught(engine, "five nearest cues", MODELS[name]()) for _ in range(2))
     acted = twin.act(walk())
-    assert acted.given.sum() > 10
+    assert acted.has_action.sum() > 10
     assert acted.abstained.sum() > 2
     assert_acted(steps(network, walk()), acted)
 
@@ -212,7 +212,7 @@ def test_it_starts_from_the_state_where_one_is_given(engine: str, name: str):
     states = walk().repeat(1, columns // 2) + drawn
     network, twin = (taught(engine, "five nearest cues", MODELS[name]()) for _ in range(2))
     acted = twin.act(walk(), states)
-    assert acted.given.sum() > 10
+    assert acted.has_action.sum() > 10
     assert_acted(steps(network, walk(), states), acted)
 
 
@@ -341,7 +341,7 @@ def test_nothing_is_learned(engine: str, schemas: str, training: bool):
 def test_an_unknown_percept_is_new_and_commands_nothing(engine: str, schemas: str):
     network = taught(engine, schemas, Towards())
     decision = network.step(np.array(FAR, np.float32))
-    assert decision.novelty is True
+    assert decision.is_novel is True
     assert decision[:2] == (None, None)
     assert decision[-2:] == (-1, NO_NODE)
     distance = (network.sofm.prototypes - torch.tensor(FAR)) * torch.tensor([0.5, 1.0])

@@ -160,7 +160,7 @@ def use_network(network: PACNet, percepts: Tensor, _targets: Tensor) -> Tensors:
 
 def competing_config() -> CompetingSchemasConfig:
     return CompetingSchemasConfig(
-        3, percept_dimensions=2, schemas_per_node=2, alike_above=0.5, continuation=3
+        3, percept_dimensions=2, schemas_per_node=2, same_schema_similarity=0.5, lookahead_samples=3
     )
 
 

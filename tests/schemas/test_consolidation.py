@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from pacnet import CompetingSchemas, CompetingSchemasConfig
-from pacnet.schemas.consolidation import OPEN, Quality, _Known, compare, roughness
+from pacnet.schemas.consolidation import OPEN, Quality, _Comparison, compare, roughness
 
 GOOD = Quality(fit=0.9, roughness=0.01, length=100)
 
@@ -50,12 +50,14 @@ def test_a_tremor_is_rougher_than_a_faster_movement():
 # Not worse
 
 
-def is_not_worse(new: Quality, old: Quality, typical_length: float, worse_by: float) -> bool:
-    return compare(new, old, typical_length) >= 1 - worse_by
+def is_not_worse(
+    new: Quality, old: Quality, typical_length: float, max_quality_drop: float
+) -> bool:
+    return compare(new, old, typical_length) >= 1 - max_quality_drop
 
 
 def test_an_equal_sequence_may_take_the_place_even_where_nothing_may_be_worse():
-    assert is_not_worse(GOOD, GOOD, typical_length=100, worse_by=0)
+    assert is_not_worse(GOOD, GOOD, typical_length=100, max_quality_drop=0)
 
 
 @pytest.mark.parametrize(
@@ -72,40 +74,40 @@ def test_an_equal_sequence_may_take_the_place_even_where_nothing_may_be_worse():
     ],
 )
 def test_each_ratio_alone_decides_at_what_may_be_worse(new: Quality, expected: bool):
-    assert is_not_worse(new, GOOD, typical_length=100, worse_by=0.2) == expected
+    assert is_not_worse(new, GOOD, typical_length=100, max_quality_drop=0.2) == expected
 
 
 def test_three_small_faults_add_up():
     # Each ratio is .9, their product .729.
     new = Quality(fit=0.81, roughness=0.01 / 0.9, length=90)
-    assert not is_not_worse(new, GOOD, typical_length=100, worse_by=0.2)
-    assert is_not_worse(new, GOOD, typical_length=100, worse_by=0.3)
+    assert not is_not_worse(new, GOOD, typical_length=100, max_quality_drop=0.2)
+    assert is_not_worse(new, GOOD, typical_length=100, max_quality_drop=0.3)
 
 
 def test_a_length_counts_by_how_near_it_is_to_the_typical_one():
     # From 100, 50 is as far as 200; 60 is nearer.
     half, double, nearer = (GOOD._replace(length=length) for length in (50, 200, 60))
-    assert is_not_worse(half, double, typical_length=100, worse_by=0)
-    assert is_not_worse(double, half, typical_length=100, worse_by=0)
-    assert is_not_worse(nearer, double, typical_length=100, worse_by=0)
-    assert not is_not_worse(double, nearer, typical_length=100, worse_by=0)
+    assert is_not_worse(half, double, typical_length=100, max_quality_drop=0)
+    assert is_not_worse(double, half, typical_length=100, max_quality_drop=0)
+    assert is_not_worse(nearer, double, typical_length=100, max_quality_drop=0)
+    assert not is_not_worse(double, nearer, typical_length=100, max_quality_drop=0)
 
 
 def test_fewer_than_three_targets_are_not_compared_for_roughness():
     two, three = Quality(0.9, 0.0, 2), Quality(0.9, 0.5, 3)
-    assert is_not_worse(three, two, typical_length=3, worse_by=0)
-    assert is_not_worse(two, three, typical_length=2, worse_by=0)
+    assert is_not_worse(three, two, typical_length=3, max_quality_drop=0)
+    assert is_not_worse(two, three, typical_length=2, max_quality_drop=0)
 
 
 def test_below_what_can_be_told_smoother_is_not_better():
     smooth, smoother = GOOD._replace(roughness=1e-7), GOOD._replace(roughness=1e-12)
-    assert is_not_worse(smooth, smoother, typical_length=100, worse_by=0)
+    assert is_not_worse(smooth, smoother, typical_length=100, max_quality_drop=0)
 
 
 def test_frozen_tracking_does_not_buy_off_a_bad_fit_or_a_stub():
     # What stands still is perfectly smooth, which must not outweigh everything else.
     for frozen in (GOOD._replace(roughness=0.0, length=10), Quality(0.5, 0.0, 100)):
-        assert not is_not_worse(frozen, GOOD, typical_length=100, worse_by=0.2)
+        assert not is_not_worse(frozen, GOOD, typical_length=100, max_quality_drop=0.2)
 
 
 # Which one a node keeps
@@ -197,7 +199,7 @@ def test_the_fit_is_the_mean_activation():
 @pytest.mark.parametrize("seed", range(3))
 def test_the_twin_is_the_most_alike_of_all_by_brute_force(seed: int):
     generator = torch.Generator().manual_seed(seed)
-    fields = {"schemas_per_node": 50, "continuation": 2, "alike_above": 0.8}
+    fields = {"schemas_per_node": 50, "continuation": 2, "same_schema_similarity": 0.8}
     schemas = make_schemas(**fields)
     schemas.add_node()
     found = 0
@@ -210,7 +212,7 @@ def test_the_twin_is_the_most_alike_of_all_by_brute_force(seed: int):
             away = 0.2 * torch.randn(1, generator=generator)
             for _ in range(3):
                 schemas.write(node, torch.zeros(2), away, activation=0.9, habituated=False)
-        known = _Known(schemas)
+        known = _Comparison(schemas)
         for new in known.fresh:
             alike = twin_by_hand(schemas, new)
             assert known.twin(new, set()) == alike

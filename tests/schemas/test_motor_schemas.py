@@ -232,7 +232,7 @@ def test_the_target_is_the_mean_over_the_nearest_cues():
     recalled = schemas.recall(node, torch.tensor([1.8]))
     assert recalled is not None
     assert recalled.target.item() == 40.0
-    assert recalled.position == 2
+    assert recalled.offset == 2
 
 
 def test_fewer_cues_than_asked_for_are_all_averaged():
@@ -243,7 +243,7 @@ def test_fewer_cues_than_asked_for_are_all_averaged():
     recalled = schemas.recall(node, torch.tensor([4.0]))
     assert recalled is not None
     assert recalled.target.item() == 2.5
-    assert recalled.position == 1
+    assert recalled.offset == 1
 
 
 def test_a_node_that_there_is_not_is_refused():
@@ -262,7 +262,7 @@ def test_nobody_recalls_nothing():
     write(schemas, 0, 1)
     assert schemas.recall(NO_NODE, torch.zeros(1)) is None
     recalled = schemas.recall_samples(torch.tensor([NO_NODE, 0]), torch.zeros(2, 1))
-    assert recalled.position.tolist() == [-1, 0]
+    assert recalled.offset.tolist() == [-1, 0]
     assert recalled.schema.tolist() == [NO_NODE, 0]
     assert recalled.target.isnan().flatten().tolist() == [True, False]
 

@@ -7,14 +7,14 @@ import pytest
 import torch
 
 from pacnet import NO_NODE, CompetingSchemas, CompetingSchemasConfig
-from pacnet.schemas.sequences import Samples
-from pacnet.schemas.visits import Pass, assign, means_going_on
+from pacnet.schemas.records import Samples
+from pacnet.schemas.visits import Visit, assign_samples, continue_means
 
 TARGETS, PERCEPTS, NODES, CONTINUATION = 2, 3, 5, 4
 
 
 def make_schemas(**fields: object) -> CompetingSchemas:
-    fields = {"continuation": CONTINUATION, "schemas_per_node": 3, **fields}
+    fields = {"lookahead_samples": CONTINUATION, "schemas_per_node": 3, **fields}
     schemas = CompetingSchemas(CompetingSchemasConfig(TARGETS, PERCEPTS, **fields))
     for _ in range(NODES):
         schemas.add_node()
@@ -158,7 +158,7 @@ def test_episodes_with_deletions_are_the_same_to_the_bit_in_any_portions(seed: i
 def test_samples_are_assigned_to_the_pass_that_may_go_on():
     # Node 1 was there two samples ago; from 10 on it may be away for three.
     recent = Pass(node=1, last=8, number=0)
-    passes = assign([2, 1, NO_NODE, 2, 1, 2, 2, 2, 2, 1], 10, [recent], continuation=3)
+    passes = assign([2, 1, NO_NODE, 2, 1, 2, 2, 2, 2, 1], 10, [recent], lookahead_samples=3)
     assert [(each.node, each.number, each.samples, each.last) for each in passes] == [
         (1, 0, [1, 4], 14),
         (2, NO_NODE, [0, 3, 5, 6, 7, 8], 18),
@@ -167,7 +167,7 @@ def test_samples_are_assigned_to_the_pass_that_may_go_on():
 
 
 def test_a_pass_that_was_left_for_too_long_does_not_go_on():
-    (recent, new) = assign([1], 10, [Pass(node=1, last=6, number=0)], continuation=3)
+    (recent, new) = assign([1], 10, [Pass(node=1, last=6, number=0)], lookahead_samples=3)
     assert (recent.samples, new.samples) == ([], [0])
 
 

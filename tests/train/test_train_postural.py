@@ -109,8 +109,8 @@ def test_the_dataset_holds_what_was_learned(two_runs: list[Path]):
     network = PACNet.from_pretrained(two_runs[0] / "checkpoint").eval()
     last = demonstrations.episodes[-1]
     recall = network.recall(last.percepts)
-    assert recall.commanded.float().mean() > 0.95
-    error = (recall.targets - last.action)[recall.commanded].abs().mean()
+    assert recall.has_target.float().mean() > 0.95
+    error = (recall.target - last.action)[recall.has_target].abs().mean()
     assert error < 0.01  # [rad]: most frames recall their very own target
 
 

@@ -489,12 +489,12 @@ def test_a_nodes_mean_action_is_acted_as_it_is(learned: Learned):
     assert isinstance(network.forward_model, Repeat)
     percepts = learned.episodes[0].percepts
     acted = network.act(percepts)
-    assert acted.given.equal(acted.recall.commanded)
-    assert acted.given.any()
-    torch.testing.assert_close(acted.action, acted.recall.targets, rtol=0, atol=0, equal_nan=True)
+    assert acted.has_action.equal(acted.has_target)
+    assert acted.has_action.any()
+    torch.testing.assert_close(acted.action, acted.target, rtol=0, atol=0, equal_nan=True)
     means = [actions[0] if len(actions) else None for actions in targets_of(network)]
     for action, winner in zip(
-        acted.action[acted.given], acted.recall.winner[acted.given].tolist(), strict=True
+        acted.action[acted.has_action], acted.winner[acted.has_action].tolist(), strict=True
     ):
         torch.testing.assert_close(action, means[winner])
 

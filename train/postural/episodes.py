@@ -139,7 +139,7 @@ def recall_episode(
         if commanded:
             target = decision.target
         observation, _, _, truncated, info = environment.step_to(target)
-        winner = NO_NODE if decision.novelty else decision.winner
+        winner = NO_NODE if decision.is_novel else decision.winner
         seen = {"percepts": percepts, "phases": phase, "winners": winner}
         steps.append({**info, **seen, "commanded": commanded})
         if after_step is not None:

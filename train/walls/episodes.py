@@ -86,7 +86,7 @@ class Recalling:
     def drive(self, percept: NDArray[np.float32]) -> Driven:
         """What to do on a percept (6,)."""
         decision = self._network.step(percept)
-        winner = NO_NODE if decision.novelty else decision.winner
+        winner = NO_NODE if decision.is_novel else decision.winner
         if decision.action is not None:
             self._wanderer.take_over(MAX_WHEEL_SPEED * decision.action)
             return Driven(decision.action, winner, commanded=True)

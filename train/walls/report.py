@@ -57,7 +57,7 @@ def draw(
         ),
         "activations": activations_over_time(recalled.winners, names, CONTROL_TIMESTEP),
         "path": trajectory(
-            walls, recalled.poses[drawn], recalled.wall_side[drawn], recalled.commanded[drawn]
+            walls, recalled.poses[drawn], recalled.wall_side[drawn], recalled.has_target[drawn]
         ),
     }
     scores = {

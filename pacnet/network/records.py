@@ -1,0 +1,52 @@
+"""What the network decides: one record from the winner to the action."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from pacnet.core.old_names import old_names, warn_renamed
+
+
+@old_names(
+    targets="target",
+    commanded="has_target",
+    novelty="is_novel",
+    position="offset",
+    given="has_action",
+)
+class Decision(NamedTuple):
+    """What the network decides at one percept, or at each of T percepts.
+
+    Of one percept (`PACNet.step`): numbers and float arrays, None for no target and no action.
+    Of T percepts (`recall`, `act`): tensors.
+    """
+
+    target: Any
+    """Motor target, `[A]` or `[T, A]`; a row of NaN where there is none."""
+    has_target: Any
+    """Whether there is one: the match is good and the winner has a schema that is confident."""
+    winner: Any
+    """Nearest node, int64 `[T]`, or `NO_NODE`."""
+    activation: Any
+    """exp(−distance to the winner), `[T]`."""
+    is_novel: Any
+    """Whether the activation is under the novelty threshold, bool `[T]`."""
+    offset: Any
+    """Place of the target in its schema's sequence, int64 `[T]`; −1 without a target."""
+    schema: Any
+    """Id of the target's schema, int64 `[T]`, or `NO_SCHEMA`. With one per node, the winner."""
+    action: Any = None
+    """`[U]` or `[T, U]`; a row of NaN where there is none; None without a forward model."""
+    has_action: Any = False
+    """Whether there is one; without one the caller's default behaviour acts."""
+
+    @property
+    def abstained(self) -> Any:
+        """Whether there is a target, but the forward model could not choose an action for it."""
+        return (self.has_target ^ self.has_action) & self.has_target
+
+    @property
+    def recall(self) -> Decision:
+        """Old name of the record itself."""
+        warn_renamed("Action.recall", "Decision")
+        return self

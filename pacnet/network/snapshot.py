@@ -1,0 +1,81 @@
+"""What a network acts on: all that it had learned at one moment.
+
+A thread may ask for actions while another one learns. What is learned replaces what was known all
+at once. A snapshot keeps what was known, to the byte, until then.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pacnet.attention.sofm import HabituatingSOFM
+from pacnet.competition.competing_schemas import CompetingSchemas
+from pacnet.competition.recognition import Recognizer
+from pacnet.core.drafts import Tensors, frozen
+from pacnet.schemas.interface import Schemas
+from pacnet.schemas.sequences import compact
+
+
+def check_nodes(sofm: HabituatingSOFM, schemas: Schemas) -> None:
+    """Raise a ValueError unless each node has motor schemas, with cues like its percepts."""
+    width, cues = sofm.nodes.live("prototype").shape[1:], schemas.pool.live("cue").shape[1:]
+    if width != cues:
+        raise ValueError(f"expected cues as long as prototypes, {list(width)}, got {list(cues)}")
+    if len(sofm) != len(schemas):
+        raise ValueError(
+            f"expected motor schemas for each node, got {len(schemas)} for {len(sofm)} nodes"
+        )
+
+
+class Snapshot:
+    """A recall episode of a map and its motor schemas, as they are now.
+
+    Args:
+        sofm: of the network.
+        schemas: of the network; they are compacted.
+
+    Attributes:
+        sofm: the map, which shares its tensors and keeps them.
+        schemas: likewise.
+
+    Raises:
+        ValueError: buffers that contradict one another.
+    """
+
+    def __init__(self, sofm: HabituatingSOFM, schemas: Schemas) -> None:
+        check_nodes(sofm, schemas)
+        schemas.check()
+        compact(schemas)
+        self.sofm, self.schemas = frozen(sofm), schemas.for_recall()
+        self._recognizer: Recognizer | None = None
+        self.track(sofm, schemas)
+
+    def track(self, sofm: HabituatingSOFM, schemas: Schemas) -> None:
+        """Make `is_of` compare with these modules, which have the same tensors."""
+        # Of the map's tensors, those that recall reads.
+        self._tensors = Tensors(schemas, of=[(sofm.nodes, "prototype"), (sofm, "scale")])
+        self._configs = sofm.config, schemas.config
+
+    def is_of(self, sofm: Any, schemas: Any) -> bool:
+        """Return whether these are as they were."""
+        same = sofm.config is self._configs[0] and schemas.config is self._configs[1]
+        return same and self._tensors.are_current()
+
+    def recognizer(self) -> Recognizer:
+        """Return the recognizer of this episode.
+
+        Raises:
+            ValueError: one schema per node, or nothing learned yet: nothing can be recognized.
+        """
+        if not isinstance(self.schemas, CompetingSchemas):
+            raise ValueError(
+                "expected CompetingSchemasConfig to recognise with, got one schema a node"
+            )
+        if self._recognizer is None:
+            self._recognizer = self.schemas.recognizer()
+        return self._recognizer
+
+    def reset(self) -> None:
+        """Start a new episode."""
+        self.schemas.reset()
+        self._recognizer = None

@@ -1,0 +1,136 @@
+"""What both kinds of motor schemas do: one sequence per node, or several that compete."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from pacnet.attention.records import NO_NODE
+from pacnet.core.growable_rows import as_array
+from pacnet.core.validation import batch_of_one, check_bounded, check_number
+from pacnet.schemas.records import Samples, Target
+from pacnet.schemas.sequences import Sequences
+
+NO_EPISODE = -1
+"""The episode of a schema that was never written."""
+_Own = TypeVar("_Own", bound="Schemas")
+
+
+class Schemas(Sequences, ABC):
+    """Motor schemas of the nodes of a map, in the order of its nodes."""
+
+    behaviours: list[str]
+    """Names of what was shown, in the order of their first time; empty where none are kept."""
+
+    @abstractmethod
+    def add_node(self) -> int:
+        """Add a node without targets and return its number."""
+
+    @abstractmethod
+    def delete(self, nodes: Tensor) -> None:
+        """Delete nodes, int64 `[K]` ascending, with their schemas; later nodes move down.
+
+        Raises:
+            ValueError: not ascending, or no such nodes.
+        """
+
+    @abstractmethod
+    def begin_episode(self, number: int, behaviour: str) -> None:
+        """Begin a learning episode in place, or go on with the last one; arguments are checked."""
+
+    @abstractmethod
+    def add_samples(self, samples: Samples, episode: int) -> None:
+        """Learn checked samples of an episode in place; in eval mode, nothing."""
+
+    @abstractmethod
+    def recall_one(self, node: int, percept: NDArray[np.floating]) -> Target | None:
+        """`recall` without checks: arrays in, arrays out."""
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Start a recall episode; what was learned stays."""
+
+    @abstractmethod
+    def for_recall(self: _Own) -> _Own:
+        """Return a module that shares these tensors, for a recall episode of its own pace.
+
+        It keeps them when these schemas learn on and get others.
+        """
+
+    @abstractmethod
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError unless these tensors, of a `state_dict`, are a valid state."""
+
+    @staticmethod
+    @abstractmethod
+    def extent(tensors: Mapping[str, Tensor]) -> tuple[int, int]:
+        """Return the number of nodes in a `state_dict`, and its last episode or `NO_EPISODE`."""
+
+    @torch.no_grad()
+    def recall(self, node: int, percept: Tensor) -> Target | None:
+        """Return the current target of the winner, or None where there is none.
+
+        Args:
+            node: the winner, or `NO_NODE`.
+            percept: normalized, `[D]`.
+
+        Raises:
+            ValueError: no such node, or a percept of the wrong shape, dtype or device, or not
+                finite.
+        """
+        self._check_recall(batch_of_one(percept), node)
+        recalled = self.recall_one(node, as_array(percept))
+        if recalled is None:
+            return None
+        return recalled._replace(target=torch.from_numpy(recalled.target).to(percept))
+
+    @torch.no_grad()
+    def recall_samples(self, nodes: Tensor, percepts: Tensor) -> Target:
+        """`recall` at T samples, in order of time.
+
+        Args:
+            nodes: winners or `NO_NODE`, int64 `[T]`.
+            percepts: normalized, `[T, D]`.
+
+        Raises:
+            ValueError: no such node, not one for each percept, or a bad percept.
+        """
+        if not isinstance(nodes, Tensor) or nodes.dim() != 1 or nodes.layout != torch.strided:
+            got = list(nodes.shape) if isinstance(nodes, Tensor) else type(nodes).__name__
+            raise ValueError(f"expected nodes as a tensor [T], got {got}")
+        if nodes.dtype != torch.int64:
+            raise ValueError(f"expected nodes as torch.int64, got {nodes.dtype}")
+        self._check_recall(percepts, *([int(nodes.min()), int(nodes.max())] if len(nodes) else []))
+        if len(nodes) != len(percepts):
+            raise ValueError(
+                f"expected a node for each of {len(percepts)} percepts, got {len(nodes)}"
+            )
+        recalled = self.recall_all(nodes.numpy(force=True), as_array(percepts))
+        return Target(
+            torch.from_numpy(recalled.target).to(percepts),
+            torch.from_numpy(recalled.offset).to(percepts.device),
+            torch.from_numpy(recalled.schema).to(percepts.device),
+        )
+
+    def recall_all(self, nodes: NDArray[np.int64], percepts: NDArray[np.floating]) -> Target:
+        """`recall_samples` without checks: arrays in, arrays out."""
+        targets = np.full((len(nodes), self.pool.live("target").shape[1]), np.nan, percepts.dtype)
+        offsets, schemas = np.full((2, len(nodes)), NO_NODE)
+        for sample, node in enumerate(nodes.tolist()):
+            recalled = self.recall_one(node, percepts[sample])
+            if recalled is not None:
+                targets[sample], offsets[sample], schemas[sample] = recalled
+        return Target(targets, offsets, schemas)
+
+    def _check_recall(self, percepts: object, *nodes: int) -> None:
+        self.check()
+        cues = self.pool.live("cue")
+        check_bounded("percepts", percepts, cues.shape[1], cues)
+        for node in nodes:
+            check_number("a node", node, len(self), NO_NODE, f", {NO_NODE} for none")
