@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from pacnet import CompetingSchemas, CompetingSchemasConfig, RecognitionConfig
-from pacnet.competition.belief import Belief, Timeline, make_timeline
-from pacnet.competition.timeline import lay_out
+from pacnet.competition.belief import Belief
+from pacnet.competition.timeline import Timeline, build_timeline, make_timeline
 
 PLACES = 32
 
@@ -110,7 +110,7 @@ def plain_forward(belief: Belief, distances: list[list[float]]) -> list[dict[tup
 
 @pytest.mark.parametrize("lines", [False, True])
 def test_the_belief_is_that_of_a_plain_forward_algorithm(lines: bool):
-    config = RecognitionConfig(places=5, width=0.5, mismatch=0.01, restart=0.05)
+    config = RecognitionConfig(n_states=5, obs_std=0.5, outlier_likelihood=0.01, restart_prob=0.05)
     generator = torch.Generator().manual_seed(0)
     belief = make_small(config)
     if lines:  # 3 samples for 5 places: steps of more than all of them are among the chances
@@ -164,7 +164,7 @@ def test_fewer_distances_than_rows_are_refused_and_change_nothing():
 def make_fork(samples: int = 100) -> tuple[Belief, Tensor]:
     """The belief about both, and the cues of their places [2 P, 2]."""
     cues = torch.cat([walk(side, torch.linspace(0, 1, PLACES)) for side in (1, -1)])
-    config = RecognitionConfig(places=PLACES, width=0.05)
+    config = RecognitionConfig(n_states=PLACES, obs_std=0.05)
     return Belief(make_lines([samples, samples], behaviour=[0, 1]), config), cues
 
 
@@ -254,7 +254,7 @@ def shown_by_hand(schemas: CompetingSchemas) -> dict[int, list[tuple[float, int]
     """Episode -> (time in it, row) of every sample that some pass stands for."""
     frames, shown = schemas.pool.live("frame").tolist(), {}
     columns = ("episode", "schema", "first", "last")
-    passes = zip(*(schemas.passes.live(name).tolist() for name in columns), strict=True)
+    passes = zip(*(schemas.visits.live(name).tolist() for name in columns), strict=True)
     for episode, schema, first, last in passes:
         start = int(schemas.blocks.live("start")[schema])
         rows = range(start, start + int(schemas.lengths[schema]))
@@ -270,7 +270,7 @@ def shown_by_hand(schemas: CompetingSchemas) -> dict[int, list[tuple[float, int]
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_place_has_the_row_that_is_nearest_in_time(seed: int, places: int, forget: bool):
     schemas = make_random(seed, forget)
-    timeline, shown = lay_out(schemas, places), shown_by_hand(schemas)
+    timeline, shown = build_timeline(schemas, places), shown_by_hand(schemas)
     assert timeline.episode.tolist() == sorted(shown)
     samples = schemas.episodes.live("samples").tolist()
     for rows, episode in zip(timeline.rows.tolist(), sorted(shown), strict=True):
@@ -286,12 +286,12 @@ def test_a_place_has_the_row_that_is_nearest_in_time(seed: int, places: int, for
                 nearest = min(distance.values())
                 best += [r for r, value in distance.items() if value < nearest + 1e-4]
             assert row in best
-    np.testing.assert_array_equal(timeline.rows, lay_out(schemas, places).rows)
+    np.testing.assert_array_equal(timeline.rows, build_timeline(schemas, places).rows)
 
 
 def test_the_timeline_knows_behaviour_and_pace_of_each_episode():
     schemas = make_random(0, forget=False)
-    timeline = lay_out(schemas, 16)
+    timeline = build_timeline(schemas, 16)
     rate = 16 / schemas.episodes.live("samples").numpy()
     steps = np.arange(timeline.advance.shape[1])
     np.testing.assert_allclose(timeline.advance @ steps, rate, rtol=0.02)
@@ -308,7 +308,7 @@ def test_an_episode_that_was_forgotten_wholly_is_not_in_the_timeline():
         for _ in range(3):
             schemas.write(node, torch.zeros(1), torch.zeros(1), activation=1.0, habituated=True)
     schemas.delete(torch.tensor([0]))
-    assert lay_out(schemas, 4).episode.tolist() == [1]
+    assert build_timeline(schemas, 4).episode.tolist() == [1]
     schemas.delete(torch.tensor([0]))
     assert schemas.timeline() is None
 

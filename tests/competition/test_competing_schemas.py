@@ -62,7 +62,7 @@ def test_a_node_that_is_not_habituated_keeps_nothing_but_time_goes_on():
     schemas = make_schemas()
     schemas.begin(0, "")
     write(schemas, 0, 1.0, 2.0, 3.5, habituated=False)
-    assert len(schemas.blocks) == len(schemas.passes) == len(schemas.pool) == 0
+    assert len(schemas.blocks) == len(schemas.visits) == len(schemas.pool) == 0
     assert column(schemas, "episodes", "samples") == [3]
     assert column(schemas, "episodes", "last_cue") == [3.5]
 
@@ -76,22 +76,22 @@ def test_a_pass_keeps_its_targets_with_cues_and_times():
     assert column(schemas, "blocks", "node") == [1]
     assert schemas.targets(0).flatten().tolist() == [3, 3, 4]
     assert schemas.cues(0).flatten().tolist() == [0.5, 0.25, 0.125]
-    assert (column(schemas, "passes", "first"), column(schemas, "passes", "last")) == ([2], [4])
+    assert (column(schemas, "visits", "first"), column(schemas, "visits", "last")) == ([2], [4])
     schemas.state_dict()  # closes the gaps
     assert column(schemas, "pool", "frame") == [2, 3, 4]
     assert column(schemas, "episodes", "number") == [7]
 
 
-@pytest.mark.parametrize(("absent", "passes"), [(0, 1), (2, 1), (3, 2)])
-def test_a_node_that_wins_again_soon_goes_on_with_its_schema(absent: int, passes: int):
+@pytest.mark.parametrize(("absent", "visits"), [(0, 1), (2, 1), (3, 2)])
+def test_a_node_that_wins_again_soon_goes_on_with_its_schema(absent: int, visits: int):
     schemas = make_schemas(lookahead_samples=3)
     schemas.begin(0, "")
     write(schemas, 0, 0.0, 0.1)
     away(schemas, absent)  # the next sample is absent + 1 after the last
     write(schemas, 0, 0.2)
-    assert len(schemas.passes) == len(schemas.blocks) == passes
-    assert schemas.cues(0).flatten().tolist() == pytest.approx([0.0, 0.1, 0.2][: 4 - passes])
-    assert column(schemas, "passes", "last")[-1] == 2 + absent
+    assert len(schemas.visits) == len(schemas.blocks) == visits
+    assert schemas.cues(0).flatten().tolist() == pytest.approx([0.0, 0.1, 0.2][: 4 - visits])
+    assert column(schemas, "visits", "last")[-1] == 2 + absent
 
 
 def test_two_nodes_in_turn_keep_a_schema_each():
@@ -130,8 +130,8 @@ def test_a_shared_schema_is_stored_once():
         show(schemas, episode, 0.0, 0.1, 0.2)
     schemas.begin(4, "")
     assert column(schemas, "blocks", "support") == [4]
-    assert column(schemas, "passes", "episode") == [0, 1, 2, 3]
-    assert column(schemas, "passes", "schema") == [0, 0, 0, 0]
+    assert column(schemas, "visits", "episode") == [0, 1, 2, 3]
+    assert column(schemas, "visits", "schema") == [0, 0, 0, 0]
     assert schemas.state_dict()["pool.cue"].shape == (3, 1)
 
 
@@ -143,7 +143,7 @@ def test_different_continuations_are_kept_apart_without_labels():
     assert schemas.behaviours == [""]
     assert column(schemas, "blocks", "support") == [3, 3]
     assert sorted(column(schemas, "blocks", "continuation")) == [-5.0, 5.0]
-    through = column(schemas, "passes", "schema")
+    through = column(schemas, "visits", "schema")
     assert through[0::2] == [through[0]] * 3
     assert through[1::2] == [through[1]] * 3
     assert through[0] != through[1]
@@ -176,8 +176,8 @@ def test_of_several_alike_the_most_alike_is_the_twin():
     show(schemas, 1, 0.015)
     show(schemas, 2, 0.009)
     schemas.begin(3, "")
-    assert column(schemas, "passes", "episode") == [0, 1, 2]
-    through = column(schemas, "passes", "schema")
+    assert column(schemas, "visits", "episode") == [0, 1, 2]
+    through = column(schemas, "visits", "schema")
     assert through[2] == through[1] != through[0]
 
 
@@ -203,7 +203,7 @@ def test_two_passes_of_one_episode_are_two_schemas_unless_they_are_alike(
     assert len(schemas.blocks) == 2
     schemas.begin(1, "")
     assert column(schemas, "blocks", "support") == supports
-    assert column(schemas, "passes", "first") == [0, 7]  # both remembered, one after the other
+    assert column(schemas, "visits", "first") == [0, 7]  # both remembered, one after the other
 
 
 def test_support_counts_passes_also_where_the_old_sequence_stays():
@@ -258,7 +258,7 @@ def test_a_full_node_gives_up_the_least_supported():
         show(schemas, episode, cue)
     schemas.begin(4, "")
     assert sorted(float(schemas.cues(s).mean()) for s in (0, 1)) == [0.0, 2.0]
-    assert column(schemas, "passes", "episode") == [0, 1, 3]  # 2 went with its schema
+    assert column(schemas, "visits", "episode") == [0, 1, 3]  # 2 went with its schema
 
 
 def test_a_full_node_gives_up_nothing_that_was_seen_again():
@@ -267,7 +267,7 @@ def test_a_full_node_gives_up_nothing_that_was_seen_again():
         show(schemas, episode, cue)
     schemas.begin(5, "")
     assert sorted(float(schemas.cues(s).mean()) for s in (0, 1)) == [0.0, 1.0]
-    assert column(schemas, "passes", "episode") == [0, 1, 2, 3]
+    assert column(schemas, "visits", "episode") == [0, 1, 2, 3]
 
 
 def test_a_full_node_gives_up_nothing_for_what_is_worse():
@@ -279,7 +279,7 @@ def test_a_full_node_gives_up_nothing_for_what_is_worse():
         write(schemas, 0, 2.0, target=float(sample % 2))
     schemas.begin(4, "")
     assert sorted(float(schemas.cues(s).mean()) for s in (0, 1)) == [0.0, 1.0]
-    assert column(schemas, "passes", "episode") == [0, 1, 2]
+    assert column(schemas, "visits", "episode") == [0, 1, 2]
 
 
 def test_an_episode_in_progress_goes_on_until_another_begins():
@@ -357,7 +357,7 @@ def test_random_episodes_with_deletions_equal_plain_lists():
         return int(torch.randint(under, (), generator=generator))
 
     schemas = make_schemas(nodes=6, same_schema_similarity=0.999999, schemas_per_node=1000)
-    plain = PlainPasses(lookahead_samples=3)
+    plain = PlainPasses(continuation=3)
     for episode in range(12):
         schemas.begin(episode, "")
         plain.begin(episode)
@@ -379,7 +379,7 @@ def test_random_episodes_with_deletions_equal_plain_lists():
     kept = [
         Pass(int(schemas.blocks.live("node")[schema]), *row, schemas.targets(schema)[:, 0].tolist())
         for schema, *row in zip(
-            *(column(schemas, "passes", name) for name in ("schema", "episode", "first", "last")),
+            *(column(schemas, "visits", name) for name in ("schema", "episode", "first", "last")),
             strict=True,
         )
     ]
@@ -398,8 +398,8 @@ def test_deleted_nodes_take_schemas_and_passes_with_them():
     assert len(schemas) == 2
     assert column(schemas, "blocks", "node") == [0, 1]
     assert [float(schemas.targets(s)[0]) for s in (0, 1)] == [1, 3]
-    assert column(schemas, "passes", "schema") == [0, 1, 0, 1]
-    assert column(schemas, "passes", "episode") == [0, 0, 1, 1]
+    assert column(schemas, "visits", "schema") == [0, 1, 0, 1]
+    assert column(schemas, "visits", "episode") == [0, 0, 1, 1]
 
 
 # Recall
@@ -413,7 +413,7 @@ def recalled(schemas: CompetingSchemas, *percepts: float, node: int = 0) -> list
 
 def make_fork(**fields: object) -> CompetingSchemas:
     """Episodes come from +1 or from -1, pass node 0 and there do target 1 or target -1."""
-    schemas = make_schemas(recognition=RecognitionConfig(places=8), **fields)
+    schemas = make_schemas(recognition=RecognitionConfig(n_states=8), **fields)
     for episode in range(4):
         side = (1.0, -1.0)[episode % 2]
         schemas.begin(episode, "")
@@ -474,11 +474,11 @@ def test_the_position_is_that_of_the_nearest_cue_and_the_target_the_mean_of_a_fe
     # From 1.8 the nearest are 2.0 (60) and, of two equally near, the first at 1.0 (20).
     answer = schemas.recall(0, torch.tensor([1.8]))
     assert answer is not None
-    assert (answer.target.item(), answer.position, answer.schema) == (40.0, 2, 0)
+    assert (answer.target.item(), answer.offset, answer.schema) == (40.0, 2, 0)
 
 
 def test_a_node_passed_twice_does_what_belongs_to_the_time_in_the_episode():
-    schemas = make_schemas(recognition=RecognitionConfig(places=16))
+    schemas = make_schemas(recognition=RecognitionConfig(n_states=16))
     for episode in range(2):
         schemas.begin(episode, "")
         for target, elsewhere in ((1.0, 3.0), (2.0, -3.0)):  # out, and back at the same percepts
@@ -596,7 +596,7 @@ def test_what_is_learned_between_two_recalls_counts():
         ("nearest_cues", 0),
         ("same_schema_similarity", 1.0),
         ("same_schema_similarity", 0.0),
-        ("continuation", 0),
+        ("lookahead_samples", 0),
         ("max_quality_drop", 1.0),
         ("max_quality_drop", -0.1),
         ("recognition", None),
@@ -695,7 +695,7 @@ def test_eval_mode_begins_and_writes_nothing():
 
 
 def test_a_state_dict_brings_schemas_episodes_and_names():
-    source, loaded = make_fork(), make_schemas(nodes=0, recognition=RecognitionConfig(places=8))
+    source, loaded = make_fork(), make_schemas(nodes=0, recognition=RecognitionConfig(n_states=8))
     source.begin(5, "tea")
     recalled(loaded, 0.0, node=NO_NODE)
     loaded.load_state_dict(source.state_dict())

@@ -20,7 +20,7 @@ def make_random(seed: int) -> CompetingSchemas:
     """Episodes of 10 to 60 samples; each begins and ends at a habituated node."""
     generator = torch.Generator().manual_seed(seed)
     config = CompetingSchemasConfig(
-        1, percept_dimensions=2, lookahead_samples=2, recognition=RecognitionConfig(places=PLACES)
+        1, percept_dimensions=2, lookahead_samples=2, recognition=RecognitionConfig(n_states=PLACES)
     )
     schemas = CompetingSchemas(config)
     for _ in range(NODES):
@@ -38,7 +38,7 @@ def make_random(seed: int) -> CompetingSchemas:
 def watched_by_hand(schemas: CompetingSchemas, schema: int, probability: Tensor) -> float:
     """The belief in all places of all passes through a schema."""
     columns = [
-        schemas.passes.live(name).tolist() for name in ("schema", "episode", "first", "last")
+        schemas.visits.live(name).tolist() for name in ("schema", "episode", "first", "last")
     ]
     samples, watched = schemas.episodes.live("samples").tolist(), 0.0
     for through, episode, first, last in zip(*columns, strict=True):
@@ -61,14 +61,16 @@ def test_confidence_is_the_belief_in_the_passes_times_the_fit_of_the_nearest_cue
     for node in range(NODES):
         numbers = schemas.schemas_of(node)
         here = SchemaConfidences(schemas, numbers, timeline)
-        assert here.numbers == numbers.tolist()
+        assert here.ids == numbers.tolist()
         several += len(schemas.lengths[numbers].unique()) > 1
         for _ in range(3):
             probability = torch.rand(10, PLACES, dtype=torch.float64, generator=generator) / 100
             percept = node + torch.randn(2, generator=generator)
-            distances = CompetingRecall(schemas, timeline).distances(percept.numpy())
+            distances = CompetingRecall(schemas, schemas.config, timeline).distances(
+                percept.numpy()
+            )
             confidences = here.confidences(distances, probability.numpy())
-            for schema, confidence in zip(here.numbers, confidences.tolist(), strict=True):
+            for schema, confidence in zip(here.ids, confidences.tolist(), strict=True):
                 near = min((percept - cue).norm().item() for cue in schemas.cues(schema))
                 watched = watched_by_hand(schemas, schema, probability)
                 assert confidence == pytest.approx(watched * math.exp(-near), rel=1e-5)
@@ -82,7 +84,7 @@ def test_no_confidence_is_over_one():
     here = SchemaConfidences(schemas, schemas.schemas_of(0), timeline)
     certain = np.ones(timeline.rows.shape)  # which rounding may exceed
     near = np.zeros(len(schemas.pool), np.float32)
-    assert here.confidences(near, certain).tolist() == [1.0] * len(here.numbers)
+    assert here.confidences(near, certain).tolist() == [1.0] * len(here.ids)
 
 
 def test_the_place_of_a_schema_and_its_rows():
@@ -90,11 +92,11 @@ def test_the_place_of_a_schema_and_its_rows():
     timeline = schemas.timeline()
     assert timeline is not None
     here = SchemaConfidences(schemas, schemas.schemas_of(1), timeline)
-    for place, schema in enumerate(here.numbers):
-        assert here.place_of(schema) == place
+    for place, schema in enumerate(here.ids):
+        assert here.index_of(schema) == place
         assert torch.equal(schemas.pool.live("cue")[here.rows_of(place)], schemas.cues(schema))
     stranger = int(schemas.schemas_of(0)[0])
-    assert here.place_of(stranger) == here.place_of(NO_NODE) == NO_NODE
+    assert here.index_of(stranger) == here.index_of(NO_NODE) == NO_NODE
 
 
 def test_what_is_laid_out_for_more_than_it_is_given_is_refused():

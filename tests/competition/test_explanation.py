@@ -125,8 +125,8 @@ def test_the_first_origin_is_where_the_target_was_shown(seed: int):
     [
         (1, 0, "schema from 0 to 0, got 1"),
         (NO_NODE, 0, "schema from 0 to 0, got -1"),
-        (0, 2, "position from 0 to 1 in schema 0, got 2"),
-        (0, -1, "position from 0 to 1 in schema 0, got -1"),
+        (0, 2, "offset from 0 to 1 in schema 0, got 2"),
+        (0, -1, "offset from 0 to 1 in schema 0, got -1"),
     ],
 )
 def test_what_is_not_there_has_no_origin(schema: int, position: int, message: str):
@@ -138,7 +138,7 @@ def test_what_is_not_there_has_no_origin(schema: int, position: int, message: st
 
 def make_fork(**fields: object) -> CompetingSchemas:
     """Node 0 goes on to +5 (tea, and once milk) or to -5 (milk)."""
-    schemas = make_schemas(recognition=RecognitionConfig(places=8), **fields)
+    schemas = make_schemas(recognition=RecognitionConfig(n_states=8), **fields)
     for episode, (name, side) in enumerate((("tea", 1), ("milk", -1), ("milk", 1))):
         show(schemas, episode, name, 3, [side * 1.0] * 4, cue=0.1 * side, then=side * 5.0)
     schemas.begin(3, "")
@@ -151,7 +151,7 @@ def test_rivals_are_all_schemas_of_the_node_the_most_confident_first():
         answer = schemas.recall(0, torch.tensor([percept]))
         rivals = schemas.rivals(0, torch.tensor([percept]))
         assert answer is not None
-        assert (answer.schema, answer.position) == (rivals[0].schema, rivals[0].position)
+        assert (answer.schema, answer.offset) == (rivals[0].schema, rivals[0].offset)
         assert sorted(rival.schema for rival in rivals) == schemas.schemas_of(0).tolist()
         assert rivals[0].confidence > rivals[1].confidence
         names = {schemas.targets(each.schema)[0].item(): each.behaviours for each in rivals}

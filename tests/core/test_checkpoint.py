@@ -428,13 +428,13 @@ DAMAGES = [
     ("schemas.episodes.behaviour", 0, -1, "behaviours that have a name"),
     ("schemas.episodes.behaviour", -1, 2, "behaviours that have a name"),
     ("schemas.episodes.number", 0, 1, "ascending numbers of episodes"),
-    ("schemas.passes.episode", 0, -1, "passes of episodes that exist"),
-    ("schemas.passes.episode", -1, 4, "passes of episodes that exist"),
-    ("schemas.passes.schema", 0, -1, "(passes through schemas that exist|a pass for each)"),
-    ("schemas.passes.schema", -1, 4, "(passes through schemas that exist|a pass for each)"),
-    ("schemas.passes.first", 0, -1, "passes within their episodes"),
-    ("schemas.passes.first", 0, 4, "passes within their episodes"),
-    ("schemas.passes.last", -1, 8, "passes within their episodes"),
+    ("schemas.visits.episode", 0, -1, "passes of episodes that exist"),
+    ("schemas.visits.episode", -1, 4, "passes of episodes that exist"),
+    ("schemas.visits.schema", 0, -1, "(passes through schemas that exist|a pass for each)"),
+    ("schemas.visits.schema", -1, 4, "(passes through schemas that exist|a pass for each)"),
+    ("schemas.visits.first", 0, -1, "passes within their episodes"),
+    ("schemas.visits.first", 0, 4, "passes within their episodes"),
+    ("schemas.visits.last", -1, 8, "passes within their episodes"),
     ("schemas.episodes.samples", -1, 7, "passes within their episodes"),
     ("schemas.pool.cue", 0, math.nan, "finite cues"),
     ("schemas.blocks.shown_in", 0, -1, "sequences of episodes that exist"),
@@ -452,7 +452,7 @@ def test_competing_schemas_that_contradict_one_another_are_refused(
     tmp_path, name: str, place: int, value: float, message: str
 ):
     make_competing().save_pretrained(tmp_path)
-    assert len(PACNet.from_pretrained(tmp_path).schemas.passes) == 6
+    assert len(PACNet.from_pretrained(tmp_path).schemas.visits) == 6
     rewrite_one(tmp_path, name, place, value)
     with pytest.raises(ValueError, match=message):
         PACNet.from_pretrained(tmp_path)
@@ -491,7 +491,7 @@ def test_the_names_may_not_be_missing(tmp_path):
 
 def test_a_contradiction_between_competing_schemas_is_not_saved(tmp_path):
     network = make_competing()
-    network.schemas.passes.live("last")[0] = 99
+    network.schemas.visits.live("last")[0] = 99
     with pytest.raises(ValueError, match="passes within their episodes"):
         network.save_pretrained(tmp_path / "net")
     assert not (tmp_path / "net").exists()

@@ -311,13 +311,13 @@ def test_an_interrupt_leaves_whole_lessons(taught: Imitator):
 
 def test_ctrl_c_waits_until_a_demonstration_is_learned(taught: Imitator, monkeypatch):
     interrupted, expected = deepcopy(taught), deepcopy(taught)
-    append_each = CompetingSchemas.append_each
+    append_rows = CompetingSchemas.append_rows
 
     def interrupted_append(*args: object) -> None:
         signal.raise_signal(signal.SIGINT)
-        append_each(*args)
+        append_rows(*args)
 
-    monkeypatch.setattr(CompetingSchemas, "append_each", interrupted_append)
+    monkeypatch.setattr(CompetingSchemas, "append_rows", interrupted_append)
     previous = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background
     try:
         with pytest.raises(KeyboardInterrupt):
@@ -339,7 +339,7 @@ def test_an_error_while_a_demonstration_is_learned_leaves_those_before(
         raise MemoryError
 
     def fail_from_now_on(_: int) -> None:
-        monkeypatch.setattr(CompetingSchemas, "append_each", out_of_memory)
+        monkeypatch.setattr(CompetingSchemas, "append_rows", out_of_memory)
 
     with pytest.raises(MemoryError):
         failed.learn(shown(reach(7), reach(8, glass=0.3)), fail_from_now_on)

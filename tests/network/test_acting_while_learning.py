@@ -457,12 +457,12 @@ def test_what_is_saved_beside_learning_is_of_before_a_lesson_or_after_it(kind: s
 
 def test_the_mode_that_is_set_while_it_learns_stays(monkeypatch: pytest.MonkeyPatch):
     network = make_network("cue")
-    write = type(network.schemas).write_samples
+    write = type(network.schemas).add_samples
 
     def leave_training(*given: Any) -> None:
         write(*given)
         network.eval()
 
-    monkeypatch.setattr(type(network.schemas), "write_samples", leave_training)
+    monkeypatch.setattr(type(network.schemas), "add_samples", leave_training)
     teach(network, 1)
     assert not any(module.training for module in network.modules())

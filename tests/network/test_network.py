@@ -139,8 +139,8 @@ def test_a_sequence_at_once_equals_sample_by_sample(preset: str):
     at_once = whole.recall(percepts)
     for sample, percept in enumerate(percepts):
         one = single.recall(percept[None])
-        assert_same(one.targets[0], at_once.targets[sample])
-        assert one.position[0] == at_once.position[sample]
+        assert_same(one.target[0], at_once.target[sample])
+        assert one.offset[0] == at_once.offset[sample]
 
 
 def test_eval_mode_learns_nothing_and_recall_changes_nothing_learned():
@@ -235,10 +235,10 @@ def test_reset_starts_every_sequence_again():
     config = PACNetConfig(SOFMConfig.paper(2), MotorSchemasConfig(1, 2, recall_by="order"))
     network, percepts = PACNet(config), torch.zeros(20, 2)
     network.observe(percepts, percepts[:, :1], episode=0)
-    assert network.recall(percepts[:3]).position.tolist() == [0, 1, 2]
-    assert network.recall(percepts[:1]).position.tolist() == [3]
+    assert network.recall(percepts[:3]).offset.tolist() == [0, 1, 2]
+    assert network.recall(percepts[:1]).offset.tolist() == [3]
     network.reset()
-    assert network.recall(percepts[:2]).position.tolist() == [0, 1]
+    assert network.recall(percepts[:2]).offset.tolist() == [0, 1]
 
 
 def test_in_the_preset_gwr_a_habituated_node_keeps_targets_and_goes_on_learning():
@@ -256,8 +256,8 @@ def test_percepts_reach_the_schemas_scaled():
     # scaled, the percept is at (.1, .0): .3 from the first cue, sqrt(.01 + .09) = .316 from the
     # second; unscaled, 10 lies 10.0 from the second and 9.6 from the scaled first.
     assert network.schemas.cues(0).tolist() == [[pytest.approx(0.4), 0], [0, pytest.approx(0.3)]]
-    assert network.recall(torch.tensor([[10.0, 0.3]])).targets.item() == 2
-    assert network.recall(torch.tensor([[25.0, 0.0]])).targets.item() == 1
+    assert network.recall(torch.tensor([[10.0, 0.3]])).target.item() == 2
+    assert network.recall(torch.tensor([[25.0, 0.0]])).target.item() == 1
 
 
 def test_eval_mode_keeps_the_episode_too():
@@ -343,7 +343,7 @@ def test_an_error_while_learning_leaves_what_was_known(monkeypatch):
     def out_of_memory(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(MotorSchemas, "append_each", out_of_memory)
+    monkeypatch.setattr(MotorSchemas, "append_rows", out_of_memory)
     with pytest.raises(MemoryError):
         LEARNING["observe"](network)
     monkeypatch.undo()
@@ -361,14 +361,14 @@ def test_while_a_thread_learns_others_recall_what_was_known(schemas, monkeypatch
     LEARNING["observe"](after)
     asked = make_circle(noise=0.3, seed=8)[0]
     half_way, go_on = threading.Event(), threading.Event()
-    append_each = Sequences.append_each
+    append_rows = Sequences.append_rows
 
     def append_slowly(*args: object) -> None:
-        append_each(*args)
+        append_rows(*args)
         half_way.set()
         assert go_on.wait(60)
 
-    monkeypatch.setattr(Sequences, "append_each", append_slowly)
+    monkeypatch.setattr(Sequences, "append_rows", append_slowly)
     with ThreadPoolExecutor(1) as pool:
         learned = pool.submit(LEARNING["observe"], network)
         try:

@@ -17,7 +17,6 @@ from torch import Tensor
 
 from pacnet import (
     NO_NODE,
-    Action,
     Command,
     CompetingSchemasConfig,
     Decision,
@@ -29,7 +28,6 @@ from pacnet import (
     PACNetConfig,
     PIDConfig,
     PIDController,
-    Recall,
     SOFMConfig,
     TransitionMatrix,
     TransitionMatrixConfig,
@@ -158,15 +156,15 @@ def assert_equal_rows(rows: list[NDArray[np.float32] | None], expected: Tensor) 
             np.testing.assert_array_equal(row, wanted)
 
 
-def assert_recalled(decisions: list[Decision], recall: Recall) -> None:
+def assert_recalled(decisions: list[Decision], recall: Decision) -> None:
     assert_equal_rows([decision.target for decision in decisions], recall.target)
-    for name in ("winner", "activation", "novelty", "position", "schema"):
+    for name in ("winner", "activation", "is_novel", "offset", "schema"):
         got = [getattr(decision, name) for decision in decisions]
         assert got == getattr(recall, name).tolist(), name
 
 
-def assert_acted(decisions: list[Decision], acted: Action) -> None:
-    assert_recalled(decisions, acted.recall)
+def assert_acted(decisions: list[Decision], acted: Decision) -> None:
+    assert_recalled(decisions, acted)
     assert_equal_rows([decision.action for decision in decisions], acted.action)
 
 
@@ -236,7 +234,7 @@ def test_calls_of_step_and_of_recall_go_on_from_one_another(engine: str):
     for start in range(0, 40, 4):
         positions += network.recall(percepts[start : start + 3]).position.tolist()
         positions.append(network.step(percepts[start + 3].numpy()).position)
-    assert positions == twin.recall(percepts).position.tolist()
+    assert positions == twin.recall(percepts).offset.tolist()
     assert max(positions) > 3
 
 
@@ -443,7 +441,7 @@ def test_reset_starts_a_new_episode(engine: str):
     percept, state = circle(6, noise=0.0)[0][0].numpy(), np.zeros(4, np.float32)
     first = network.step(percept, state)
     second = network.step(percept, state)
-    assert (first.position, second.position) == (0, 1)
+    assert (first.offset, second.offset) == (0, 1)
     network.reset()
     np.testing.assert_equal(network.step(percept, state)._asdict(), first._asdict())
 

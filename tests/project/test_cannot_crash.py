@@ -888,9 +888,9 @@ CONTRADICTIONS = {
     "competing": {
         "schemas.nodes": (-1, 10**6), "schemas.blocks.node": (-1, 10**6),
         "schemas.blocks.shown_in": (-1, 10**6), "schemas.blocks.support": (-2, 10**6),
-        "schemas.blocks.typical_length": (0, math.nan), "schemas.passes.episode": (-1, 10**6),
-        "schemas.passes.schema": (-1, 10**6), "schemas.passes.first": (-1, 10**6),
-        "schemas.passes.last": (-1, 10**6), "schemas.pool.frame": (-1, 10**6),
+        "schemas.blocks.typical_length": (0, math.nan), "schemas.visits.episode": (-1, 10**6),
+        "schemas.visits.schema": (-1, 10**6), "schemas.visits.first": (-1, 10**6),
+        "schemas.visits.last": (-1, 10**6), "schemas.pool.frame": (-1, 10**6),
         "schemas.episodes.behaviour": (-1, 10**6), "schemas.episodes.samples": (-1, 2**60),
         "schemas.episodes.number": (10**6,), "schemas.episodes.last_cue": (1e30, math.nan),
     },
@@ -1042,13 +1042,13 @@ def test_an_imitator_without_the_lessons_of_what_it_knows_learns_nothing_more():
 
 ONE_A_NODE, SEVERAL = ("cue", "order"), ("competing", "imitator")
 BREAKS = {
-    "pacnet.schemas.visits._keep": SEVERAL,
-    "pacnet.schemas.visits._look_on": SEVERAL,
-    "pacnet.competition.competing_schemas.settle": SEVERAL,
-    "pacnet.competition.competing_schemas.take_in": SEVERAL,
+    "pacnet.schemas.visits._append": SEVERAL,
+    "pacnet.schemas.visits._update_continuations": SEVERAL,
+    "pacnet.competition.competing_schemas.consolidate": SEVERAL,
+    "pacnet.competition.competing_schemas.add_samples": SEVERAL,
     "pacnet.schemas.consolidation._merge": SEVERAL,
-    "pacnet.schemas.consolidation._compare": SEVERAL,
-    "pacnet.network.network.Acting": (*ONE_A_NODE, *SEVERAL),
+    "pacnet.schemas.consolidation.compare": SEVERAL,
+    "pacnet.network.network.Snapshot": (*ONE_A_NODE, *SEVERAL),
     "pacnet.network.network.adopt": (*ONE_A_NODE, *SEVERAL),
     "pacnet.imitator.imitator.EpisodeReport": ("imitator",),
     "pacnet.imitator.novelty.Familiarity._note": ("imitator",),

@@ -2,8 +2,6 @@
 
 import numpy as np
 import torch
-from pacnet.demonstrations import Demonstration, Demonstrations
-from pacnet.rows import Column, GrowableRows
 
 from pacnet import (
     CompetingSchemasConfig,
@@ -15,6 +13,8 @@ from pacnet import (
     SchemaNetworkConfig,
     SOFMConfig,
 )
+from pacnet.core.growable_rows import Column, GrowableRows
+from pacnet.datasets import Demonstration, Demonstrations
 
 
 def circle() -> tuple[torch.Tensor, torch.Tensor]:

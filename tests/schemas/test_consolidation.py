@@ -199,7 +199,7 @@ def test_the_fit_is_the_mean_activation():
 @pytest.mark.parametrize("seed", range(3))
 def test_the_twin_is_the_most_alike_of_all_by_brute_force(seed: int):
     generator = torch.Generator().manual_seed(seed)
-    fields = {"schemas_per_node": 50, "continuation": 2, "same_schema_similarity": 0.8}
+    fields = {"schemas_per_node": 50, "lookahead_samples": 2, "same_schema_similarity": 0.8}
     schemas = make_schemas(**fields)
     schemas.add_node()
     found = 0
@@ -213,9 +213,9 @@ def test_the_twin_is_the_most_alike_of_all_by_brute_force(seed: int):
             for _ in range(3):
                 schemas.write(node, torch.zeros(2), away, activation=0.9, habituated=False)
         known = _Comparison(schemas)
-        for new in known.fresh:
+        for new in known.new:
             alike = twin_by_hand(schemas, new)
-            assert known.twin(new, set()) == alike
+            assert known.match(new, set()) == alike
             found += alike is not None
     assert 5 < found < 43
 

@@ -191,7 +191,7 @@ def test_by_cue_the_distance_is_euclidean_over_every_dimension():
         schemas.write(0, torch.tensor([value]), torch.tensor(cue), 0, habituated=True)
     result = schemas.recall(0, torch.zeros(2))  # squared 9 and 8; city block 3 and 4
     assert result is not None
-    assert result.position == 1
+    assert result.offset == 1
 
 
 def test_deleted_nodes_leave_no_lasting_gaps():
@@ -220,7 +220,7 @@ def test_a_recall_in_progress_starts_afresh_when_nodes_are_deleted():
     schemas.delete(torch.tensor([1]))
     result = schemas.recall(1, torch.zeros(1))  # what was node 2
     assert result is not None
-    assert (result.target.item(), result.position) == (7, 0)
+    assert (result.target.item(), result.offset) == (7, 0)
 
 
 def test_the_target_is_the_mean_over_the_nearest_cues():

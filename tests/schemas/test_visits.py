@@ -94,9 +94,9 @@ def shown_alike(schemas: CompetingSchemas, plain: PlainEpisode) -> bool:
 
     expected = {
         "episodes.samples": [plain.samples],
-        "passes.first": of_passes("first"),
-        "passes.last": of_passes("last"),
-        "passes.schema": list(range(len(plain.passes))),
+        "visits.first": of_passes("first"),
+        "visits.last": of_passes("last"),
+        "visits.schema": list(range(len(plain.passes))),
         "blocks.node": of_passes("node"),
         "blocks.length": [len(targets) for targets in of_passes("targets")],
         "blocks.fit": [float(fit) for fit in of_passes("fit")],
@@ -121,7 +121,7 @@ def test_one_episode_in_any_portions_equals_plain_lists(seed: int, dtype: torch.
         schemas = make_schemas().to(dtype)
         schemas.begin(0, "")
         for portion in portions:
-            schemas.write_samples(portion, 0)
+            schemas.add_samples(portion, 0)
         assert shown_alike(schemas, plain)
 
 
@@ -140,10 +140,10 @@ def test_episodes_with_deletions_are_the_same_to_the_bit_in_any_portions(seed: i
         samples = make_samples(generator, 80, torch.float32)
         for schemas in everyone:
             schemas.begin(episode, f"behaviour {episode % 2}")
-        at_once.write_samples(samples, episode)
+        at_once.add_samples(samples, episode)
         write_each(one_by_one, samples)
         for portion in in_portions(samples, generator):
-            cut.write_samples(portion, episode)
+            cut.add_samples(portion, episode)
         gone = torch.randint(NODES, (1,), generator=generator)
         for schemas in everyone if episode % 3 == 2 else ():  # and the episode may go on
             schemas.delete(gone)
@@ -157,17 +157,17 @@ def test_episodes_with_deletions_are_the_same_to_the_bit_in_any_portions(seed: i
 
 def test_samples_are_assigned_to_the_pass_that_may_go_on():
     # Node 1 was there two samples ago; from 10 on it may be away for three.
-    recent = Pass(node=1, last=8, number=0)
-    passes = assign([2, 1, NO_NODE, 2, 1, 2, 2, 2, 2, 1], 10, [recent], lookahead_samples=3)
-    assert [(each.node, each.number, each.samples, each.last) for each in passes] == [
+    recent = Visit(node=1, last=8, row=0)
+    passes = assign_samples([2, 1, NO_NODE, 2, 1, 2, 2, 2, 2, 1], 10, [recent], lookahead=3)
+    assert [(each.node, each.row, each.samples, each.last) for each in passes] == [
         (1, 0, [1, 4], 14),
-        (2, NO_NODE, [0, 3, 5, 6, 7, 8], 18),
-        (1, NO_NODE, [9], 19),  # five after 14
+        (2, -1, [0, 3, 5, 6, 7, 8], 18),
+        (1, -1, [9], 19),  # five after 14
     ]
 
 
 def test_a_pass_that_was_left_for_too_long_does_not_go_on():
-    (recent, new) = assign([1], 10, [Pass(node=1, last=6, number=0)], lookahead_samples=3)
+    (recent, new) = assign_samples([1], 10, [Visit(node=1, last=6, row=0)], lookahead=3)
     assert (recent.samples, new.samples) == ([], [0])
 
 
@@ -184,7 +184,7 @@ def test_means_go_on_as_one_value_after_the_other():
         for count, value in enumerate(some.numpy(), start=number + 1):
             so_far = so_far + (value - so_far) / np.float32(count)
         expected.append(so_far)
-    assert means_going_on(means, seen, values, counts).tolist() == expected
+    assert continue_means(means, seen, values, counts).tolist() == expected
 
 
 def test_what_came_after_is_seen_over_portions_without_a_habituated_sample():
@@ -199,7 +199,7 @@ def test_what_came_after_is_seen_over_portions_without_a_habituated_sample():
             target=torch.zeros(2, TARGETS),
             cue=torch.full((2, PERCEPTS), cue),
         )
-        schemas.write_samples(portion, 0)
+        schemas.add_samples(portion, 0)
         seen.append(schemas.blocks.live("continuation").unique().tolist())
     # Four samples after the last, and no more: two portions.
     assert seen == [[1.0], [2.0], [3.0], [3.0]]
