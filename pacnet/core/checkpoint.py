@@ -1,11 +1,9 @@
-"""Checkpoints: a folder of `config.json` and `model.safetensors` that no kill can half replace.
+"""Checkpoints: a folder with `config.json` and `model.safetensors`, replaced atomically.
 
-Both files are written under temporary names and renamed, the tensors first: that rename is the
-instant at which the new checkpoint takes the old one's place. `model.safetensors` carries two
-digests: that of its `config.json`, so that a load between the two renames knows that the config
-still under its temporary name is the right one, and that of its own tensors, so that none that was
-damaged is taken for sound. Digests tell of damage, not of who wrote a file: whoever changes a file
-on purpose can change its digest as well.
+Both files are written under temporary names and then renamed, the tensors first: from that rename
+on the new checkpoint counts. The header of `model.safetensors` holds two SHA-256 digests. That of
+the config tells a load between the two renames which config belongs to the tensors; that of the
+tensors detects damage. Digests do not protect against deliberate changes.
 """
 
 from __future__ import annotations
@@ -16,38 +14,85 @@ import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
 
 from pacnet.core.durable import NEW, flush_folder, written_through
+from pacnet.core.integrity import check_finite
+from pacnet.core.old_names import with_new_names
 
 CONFIG_FILE = "config.json"
 TENSOR_FILE = "model.safetensors"
 FORMAT = "pacnet"
 VERSION = 1
-# One entry for both, as safetensors writes several in an order that changes from run to run.
+_KIND = "model"  # field of the config that names the model's class
+_UNNAMED_KIND = "PACNet"  # the only class whose older checkpoints lack that field
+# One entry for both digests: safetensors writes several in an order that changes between runs.
 _DIGESTS = "sha256"  # "<of config.json> <of the tensors>"
-_CONFIG_DIGEST = "config_sha256"  # the only one in checkpoints from before there were two
+_CONFIG_DIGEST = "config_sha256"  # the only digest in older checkpoints
 _OLD_ENTRIES = {_CONFIG_DIGEST, "format"}
 
+_Config = TypeVar("_Config")
 
-class _Digests(NamedTuple):
-    """What a tensor file says of its checkpoint; None where it says nothing."""
 
-    config: str | None
-    tensors: str | None
+def save_checkpoint(
+    folder: str | Path, kind: str, fields: Mapping[str, Any], tensors: Mapping[str, Tensor]
+) -> None:
+    """Write the checkpoint of a model, replacing the one in the folder; other files stay.
+
+    Args:
+        folder: made if it is missing.
+        kind: name of the model's class.
+        fields: fields of its config, in types that JSON can hold.
+        tensors: its `state_dict`.
+
+    Raises:
+        ValueError: a tensor is not finite; nothing has been written.
+    """
+    check_finite(tensors)
+    write_checkpoint(folder, {_KIND: kind, **fields}, tensors)
+
+
+def load_checkpoint(folder: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """Return the config's fields and the tensors of a model of the named class.
+
+    Raises:
+        FileNotFoundError: no checkpoint there.
+        ValueError: a damaged file, an unknown version, the checkpoint of another class, or a tensor
+            that is not finite.
+    """
+    fields, tensors = read_checkpoint(folder)
+    found = fields.pop(_KIND, _UNNAMED_KIND)
+    if found != kind:
+        raise ValueError(f"expected a checkpoint of {kind} in '{folder}', got one of {found!r}")
+    check_finite(tensors, f" in '{folder}'")
+    return fields, tensors
+
+
+def rebuild_config(kind: type[_Config], fields: Mapping[str, Any]) -> _Config:
+    """Return the config dataclass from the output of `dataclasses.asdict`, after JSON.
+
+    Raises:
+        ValueError: a field is missing, unknown or out of range.
+    """
+    try:
+        return kind(**with_new_names(kind, fields))
+    except (TypeError, OverflowError) as error:
+        raise ValueError(
+            f"expected the fields of {kind.__name__}, got {fields}: {error}"
+        ) from error
 
 
 def write_checkpoint(
     folder: str | Path, config: Mapping[str, Any], tensors: Mapping[str, Tensor]
 ) -> None:
-    """Writes a checkpoint, replacing the one that is there; other files in the folder stay.
+    """Write a config and tensors, replacing the checkpoint in the folder; other files stay.
 
     Args:
         folder: made if it is missing.
-        config: what JSON can hold.
+        config: in types that JSON can hold.
         tensors: by name.
     """
     from safetensors.torch import save
@@ -57,9 +102,13 @@ def write_checkpoint(
     _finish_interrupted_write(folder)
     document = {"format": FORMAT, "version": VERSION, "config": config}
     text = (json.dumps(document, indent=2) + "\n").encode()
-    own = {name: _own(tensor) for name, tensor in tensors.items()}
-    of_config = _digest(text)
-    weights = save(own, metadata={_DIGESTS: f"{of_config} {_tensor_digest(of_config, own)}"})
+    # Copies, for safetensors refuses tensors that share memory.
+    copies = {
+        name: tensor.detach().cpu().clone(memory_format=torch.contiguous_format)
+        for name, tensor in tensors.items()
+    }
+    digest = _digest(text)
+    weights = save(copies, metadata={_DIGESTS: f"{digest} {_tensor_digest(digest, copies)}"})
     for name, content in ((CONFIG_FILE, text), (TENSOR_FILE, weights)):
         with written_through(folder / (name + NEW)) as file:
             file.write(content)
@@ -69,10 +118,10 @@ def write_checkpoint(
 
 
 def read_checkpoint(folder: str | Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """Reads a checkpoint's config and tensors.
+    """Return a checkpoint's config and tensors.
 
-    A `UserWarning` says that the tensors have no digest, as before there was one, or that
-    `config.json` is not the one that was written, as after somebody edited it.
+    A `UserWarning` says that an older checkpoint has no digest of its tensors, or that
+    `config.json` has been edited.
 
     Raises:
         FileNotFoundError: no checkpoint there.
@@ -82,75 +131,75 @@ def read_checkpoint(folder: str | Path) -> tuple[dict[str, Any], dict[str, Tenso
     path = folder / TENSOR_FILE
     if not path.is_file():
         raise FileNotFoundError(f"expected a checkpoint folder with {TENSOR_FILE}, got '{folder}'")
-    tensors, digests = _read_tensors(path)
-    text, config = _read_config(folder, digests.config)
-    if digests.tensors is None:
-        _warn(f"'{path}' has no digest of its tensors: damage goes unseen until it is saved anew")
-    if digests.config not in (None, _digest(text)):
-        _warn(
+    tensors, config_digest, tensor_digest = _read_tensors(path)
+    text, config = _read_config(folder, config_digest)
+    if tensor_digest is None:
+        warnings.warn(
+            f"'{path}' has no digest of its tensors, so damage is not detected; "
+            "save the model again to add one",
+            UserWarning,
+            stacklevel=2,
+        )
+    if config_digest not in (None, _digest(text)):
+        warnings.warn(
             f"'{folder / CONFIG_FILE}' is not the one that was written with {TENSOR_FILE}: it was "
-            "edited, which counts, or is damaged"
+            "edited or is damaged, and is used as it is",
+            UserWarning,
+            stacklevel=2,
         )
     return config, tensors
 
 
-def _warn(message: str) -> None:
-    warnings.warn(message, UserWarning, stacklevel=3)  # at the caller of read_checkpoint
-
-
 def _finish_interrupted_write(folder: Path) -> None:
-    """Brings a config into force whose tensors already are, before its name is written again."""
-    fresh, tensors = folder / (CONFIG_FILE + NEW), folder / TENSOR_FILE
-    if fresh.is_symlink() or not fresh.is_file() or not tensors.is_file():
+    """Rename the config that belongs to the tensors before its temporary name is used again."""
+    new, tensors = folder / (CONFIG_FILE + NEW), folder / TENSOR_FILE
+    if new.is_symlink() or not new.is_file() or not tensors.is_file():
         return
     try:
-        _, digests = _read_tensors(tensors)
+        _, config_digest, _ = _read_tensors(tensors)
     except ValueError:
         return  # a damaged checkpoint is about to be replaced
-    if _digest(fresh.read_bytes()) == digests.config:
-        fresh.replace(folder / CONFIG_FILE)
+    if _digest(new.read_bytes()) == config_digest:
+        new.replace(folder / CONFIG_FILE)
 
 
-def _read_tensors(path: Path) -> tuple[dict[str, Tensor], _Digests]:
-    """The tensors, which are those that were written, and what their file says.
-
-    Safetensors compares the sizes in a file's header with the file's own before it takes memory.
-    """
+def _read_tensors(path: Path) -> tuple[dict[str, Tensor], str | None, str | None]:
+    """Return the tensors, the digest of the config and the checked digest of the tensors."""
     from safetensors import SafetensorError, safe_open
 
     try:
+        # Safetensors compares the sizes in the header with the file's before it allocates memory.
         with safe_open(path, framework="pt") as file:
-            digests = _read_digests(path, file.metadata() or {})
+            config_digest, tensor_digest = _read_digests(path, file.metadata() or {})
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        found = digests.tensors and _tensor_digest(digests.config, tensors)
+        found = tensor_digest and _tensor_digest(config_digest, tensors)
     except (SafetensorError, OverflowError, RuntimeError, TypeError) as error:
-        reason = str(error).partition("\n")[0]  # torch lists its callers after it
+        reason = str(error).partition("\n")[0]  # without torch's list of callers
         raise ValueError(f"expected a whole safetensors file, got '{path}': {reason}") from error
-    if found != digests.tensors:
+    if found != tensor_digest:
         raise ValueError(
             f"expected the tensors that were written to '{path}', got others: it is damaged"
         )
-    return tensors, digests
+    return tensors, config_digest, tensor_digest
 
 
-def _read_digests(path: Path, metadata: Mapping[str, str]) -> _Digests:
+def _read_digests(path: Path, metadata: Mapping[str, str]) -> tuple[str | None, str | None]:
+    """Return the digests of config and tensors; None for one that is not there."""
     if metadata.keys() <= _OLD_ENTRIES:
-        return _Digests(metadata.get(_CONFIG_DIGEST), None)
-    if metadata.keys() != {_DIGESTS} or not re.fullmatch(
-        "[0-9a-f]{64} [0-9a-f]{64}", metadata[_DIGESTS]
-    ):
+        return metadata.get(_CONFIG_DIGEST), None
+    digests = metadata.get(_DIGESTS, "")
+    if len(metadata) > 1 or not re.fullmatch("[0-9a-f]{64} [0-9a-f]{64}", digests):
         raise ValueError(
             f"expected two digests under '{_DIGESTS}' in the header of '{path}', got {metadata}"
         )
-    return _Digests(*metadata[_DIGESTS].split(" "))
+    return digests[:64], digests[65:]
 
 
 def _read_config(folder: Path, digest: str | None) -> tuple[bytes, dict[str, Any]]:
-    """The text of the config in force, and what it says."""
-    path = folder / CONFIG_FILE
-    interrupted = folder / (CONFIG_FILE + NEW)
-    if interrupted.is_file() and _digest(interrupted.read_bytes()) == digest:
-        path = interrupted
+    """Return the text that belongs to the tensors, or else the latest, and its config."""
+    path, new = folder / CONFIG_FILE, folder / (CONFIG_FILE + NEW)
+    if new.is_file() and _digest(new.read_bytes()) == digest:
+        path = new
     if not path.is_file():
         raise FileNotFoundError(f"expected {CONFIG_FILE} beside {TENSOR_FILE} in '{folder}'")
     text = path.read_bytes()
@@ -158,11 +207,6 @@ def _read_config(folder: Path, digest: str | None) -> tuple[bytes, dict[str, Any
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"expected JSON, got '{path}': {error}") from error
-    _check_document(path, document)
-    return text, document["config"]
-
-
-def _check_document(path: Path, document: object) -> None:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"expected a checkpoint of format '{FORMAT}', got '{path}' without it")
     version = document.get("version")
@@ -173,20 +217,16 @@ def _check_document(path: Path, document: object) -> None:
         )
     if not isinstance(document.get("config"), dict):
         raise ValueError(f"expected an object under 'config', got none in '{path}'")
-
-
-def _own(tensor: Tensor) -> Tensor:
-    """A tensor's values in memory that it shares with no other, in their own order."""
-    return tensor.detach().cpu().clone(memory_format=torch.contiguous_format)
+    return text, document["config"]
 
 
 def _digest(text: bytes) -> str:
     return hashlib.sha256(text).hexdigest()
 
 
-def _tensor_digest(config: str | None, tensors: Mapping[str, Tensor]) -> str:
-    """Of the config's digest and each tensor's name, dtype, shape and bytes, by name."""
-    digest = hashlib.sha256(str(config).encode())
+def _tensor_digest(config_digest: str | None, tensors: Mapping[str, Tensor]) -> str:
+    """Return the digest of the config's digest and each tensor's name, dtype, shape and bytes."""
+    digest = hashlib.sha256(str(config_digest).encode())
     for name, tensor in sorted(tensors.items()):
         digest.update(json.dumps([name, str(tensor.dtype), list(tensor.shape)]).encode())
         digest.update(tensor.contiguous().reshape(-1).view(torch.uint8).numpy().data)

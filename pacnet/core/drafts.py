@@ -1,8 +1,7 @@
-"""Learning on a draft: whoever acts meanwhile acts on what was known before, or all that is after.
+"""Copy-on-write learning: learn on a draft of a module, then replace its state at once.
 
-What is learned goes into a copy of a module's state, and takes its place at the end, at once. So a
-refusal, an error or a Ctrl-C on the way leaves everything as it was, and a thread that reads sees
-no half of it.
+An error or a Ctrl-C while learning leaves the module as it was. A thread that reads meanwhile sees
+the state before or the state after, never a mixture.
 """
 
 from __future__ import annotations
@@ -22,77 +21,78 @@ from pacnet.core.growable_rows import GrowableRows, check_storage
 from pacnet.core.interrupts import defer_sigint
 
 _Module = TypeVar("_Module", bound=nn.Module)
-_CACHE = "_cache"  # attribute that holds what was worked out from a module's own tensors
+_CACHE = "_cache"  # attribute that holds what a module derived from its own tensors
 _NOT_LEARNED = ("_modules", "_parameters", "training", "config", "engine")  # attributes of a module
 _version_of = operator.attrgetter("_version")
-_TURN = 1e-4  # [s] that a thread may go on while another waits
+_SHORT = 1e-4  # [s] after which a thread that learns lets another one run
+
+_switching = threading.Lock()
+_usual_interval: list[float] = []  # [s], once for each thread that learns
 
 
 class Lock:
-    """A reentrant lock of a module's own: a copy of the module gets another one.
+    """A reentrant lock of a module; a copy of the module gets another one.
 
     Attributes:
-        lock: the lock itself, which is faster.
+        lock: the lock itself, which is faster to enter.
     """
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
 
     def __enter__(self) -> None:
-        """Waits for it."""
+        """Acquire it."""
         self.lock.acquire()
 
     def __exit__(self, *_: object) -> None:
-        """Lets others have it."""
+        """Release it."""
         self.lock.release()
 
     def __reduce__(self) -> tuple[type[Lock], tuple[()]]:
-        """Copies and pickles do not wait for this one."""
+        """Copy and pickle as a new, released lock."""
         return Lock, ()
 
 
 def draft_of(module: _Module) -> _Module:
-    """A module with tensors of its own and the same values; parameters and settings are shared.
+    """Return a copy with tensors of its own; parameters and settings are shared.
 
     Raises:
-        ValueError: a tensor that is no longer all in memory.
+        ValueError: the memory of a tensor is gone.
     """
     for name, buffer in module.named_buffers():
         check_storage(name, buffer)
-    # Made inside a caller's inference mode they would be tensors nobody can update later.
-    with torch.inference_mode(False):
-        return _twin(module, clone=True)
+    with torch.inference_mode(False):  # a caller's would make them unchangeable later
+        return _copy(module, clone=True)
 
 
-def frozen(module: _Module) -> _Module:
-    """A module that shares its tensors, and keeps them when the original gets others."""
-    return _twin(module, clone=False)
+def snapshot_of(module: _Module) -> _Module:
+    """Return a copy that shares the tensors and keeps them when the original gets others."""
+    return _copy(module, clone=False)
 
 
-def _twin(module: _Module, *, clone: bool) -> _Module:
-    twin = copy.copy(module)
-    if _CACHE in twin.__dict__:
-        twin.__dict__[_CACHE] = None
-    if clone and isinstance(twin, GrowableRows):
-        twin.copy_memory()
+def _copy(module: _Module, *, clone: bool) -> _Module:
+    other = copy.copy(module)
+    if _CACHE in other.__dict__:
+        other.__dict__[_CACHE] = None
+    if clone and isinstance(other, GrowableRows):
+        other.copy_memory()
     else:
-        twin._buffers = {
+        other._buffers = {
             name: buffer.clone() if clone and buffer is not None else buffer
             for name, buffer in module._buffers.items()
         }
-    twin._parameters = dict(module._parameters)
-    twin._modules = {
-        name: None if child is None else _twin(child, clone=clone)
+    other._parameters = dict(module._parameters)
+    other._modules = {
+        name: None if child is None else _copy(child, clone=clone)
         for name, child in module._modules.items()
     }
-    return twin
+    return other
 
 
 def adopt(module: nn.Module, draft: nn.Module) -> None:
-    """Puts what a draft has learned in the place of what the module knew.
+    """Replace a module's state by that of a draft, deferring a Ctrl-C.
 
-    The modules stay the same, and in the mode and with the config that they have got meanwhile.
-    A Ctrl-C waits.
+    Modules stay the same objects, in their present mode and with their present config.
     """
     with defer_sigint():
         _adopt(module, draft)
@@ -110,41 +110,38 @@ def _adopt(module: nn.Module, draft: nn.Module) -> None:
             _adopt(child, other)
 
 
-class Tensors:
-    """Buffers, to see later whether they are still the same ones, unchanged.
+class BufferVersions:
+    """Remembers buffers, to tell later whether they are still the same and unchanged.
 
     Args:
-        modules: whose buffers, of all their parts.
-        of: single ones, by module and name.
+        modules: all buffers of these modules and their children.
+        single: further buffers, by module and name.
+
+    Raises:
+        ValueError: the memory of a buffer is gone.
     """
 
-    def __init__(self, *modules: nn.Module, of: Sequence[tuple[nn.Module, str]] = ()) -> None:
-        for module in modules:
-            for name, buffer in module.named_buffers():
-                check_storage(name, buffer)
-        places = [
-            (child._buffers, name, buffer)
-            for module in modules
-            for child in module.modules()
-            for name, buffer in child._buffers.items()
-            if buffer is not None
-        ]
-        for module, name in of:
-            buffer = module.get_buffer(name)
-            places.append((module._buffers, name, check_storage(name, buffer)))
-        self._look_at(places)
+    def __init__(self, *modules: nn.Module, single: Sequence[tuple[nn.Module, str]] = ()) -> None:
+        children = [child for module in modules for child in module.modules()]
+        owned = [(child, name) for child in children for name in child._buffers]
+        places = []
+        for module, name in (*owned, *single):
+            buffer = module._buffers[name]
+            if buffer is not None:
+                places.append((module._buffers, name, check_storage(name, buffer)))
+        self._remember(places)
 
-    def _look_at(self, places: list[tuple[dict[str, Tensor | None], str, Tensor]]) -> None:
+    def _remember(self, places: list[tuple[dict[str, Tensor | None], str, Tensor]]) -> None:
         self._owners = [owner for owner, _, _ in places]
         self._names = [name for _, name, _ in places]
         self._buffers = [buffer for _, _, buffer in places]
-        # How often tensor operations changed one in place is not counted in inference mode.
+        # Torch counts changes in place, but not those of tensors made in inference mode.
         self._counted = [buffer for buffer in self._buffers if not buffer.is_inference()]
         self._addresses = list(map(Tensor.data_ptr, self._buffers))
         self._versions = list(map(_version_of, self._counted))
 
-    def are_current(self) -> bool:
-        """Whether none was replaced, moved, or changed by a tensor operation."""
+    def unchanged(self) -> bool:
+        """Return whether no buffer was replaced, moved, or changed by a tensor operation."""
         there = map(operator.getitem, self._owners, self._names)
         try:
             return (
@@ -152,47 +149,37 @@ class Tensors:
                 and list(map(Tensor.data_ptr, self._buffers)) == self._addresses
                 and list(map(_version_of, self._counted)) == self._versions
             )
-        except RuntimeError:  # of a tensor that is no longer in memory
+        except RuntimeError:  # the memory of a tensor is gone
             return False
 
     def __getstate__(self) -> tuple[list[Any], bool]:
-        """A copy's tensors lie elsewhere, and count their changes anew."""
+        """Leave out addresses and versions, which are others in a copy."""
         places = list(zip(self._owners, self._names, self._buffers, strict=True))
-        return places, self.are_current()
+        return places, self.unchanged()
 
     def __setstate__(self, state: tuple[list[Any], bool]) -> None:
-        """They are unchanged, if the original's were."""
-        places, current = state
-        self._look_at(places)
-        if not current:
+        """Remember the copy's buffers, which are unchanged if the original's were."""
+        places, unchanged = state
+        self._remember(places)
+        if not unchanged:
             self._addresses = []
 
 
 @contextmanager
-def short_turns() -> Iterator[None]:
-    """Lets other threads have the interpreter sooner, while this one learns.
+def short_switch_interval() -> Iterator[None]:
+    """Let other threads run sooner while this one learns.
 
-    Python hands it over after 5 ms (`sys.setswitchinterval`), which is long for a control loop.
+    Python switches threads after 5 ms (`sys.setswitchinterval`), which is long for a control loop.
     """
-    with _turns.lock:
-        if _turns.learning == 0:
-            _turns.usual = sys.getswitchinterval()
-            sys.setswitchinterval(min(_TURN, _turns.usual))
-        _turns.learning += 1
+    with _switching:
+        usual = _usual_interval[0] if _usual_interval else sys.getswitchinterval()
+        if not _usual_interval:
+            sys.setswitchinterval(min(_SHORT, usual))
+        _usual_interval.append(usual)
     try:
         yield
     finally:
-        with _turns.lock:
-            _turns.learning -= 1
-            if _turns.learning == 0:
-                sys.setswitchinterval(_turns.usual)
-
-
-class _Turns:
-    """How many threads are learning, and the usual length of a turn [s]."""
-
-    def __init__(self) -> None:
-        self.lock, self.learning, self.usual = threading.Lock(), 0, sys.getswitchinterval()
-
-
-_turns = _Turns()
+        with _switching:
+            usual = _usual_interval.pop()
+            if not _usual_interval:
+                sys.setswitchinterval(usual)

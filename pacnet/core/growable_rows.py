@@ -1,10 +1,4 @@
-"""Rows that grow: columns of equal length, resized on load.
-
-Growing a module's state row by row needs more than `torch.cat`: a `state_dict` must hold the rows
-and nothing else, loading must accept any number of them, and deleting a row must touch every column
-at once. `GrowableRows` keeps those three promises for the nodes and edges of the map and for the
-stored targets.
-"""
+"""Rows that grow: columns of equal length, appended to in place and resized on load."""
 
 from __future__ import annotations
 
@@ -16,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-_FEWEST = 128  # rows that are made room for at once
+_MIN_CAPACITY = 128  # [rows]
 _TWO_LINES = 32  # float32 numbers in two lines of a cache
 
 
@@ -25,16 +19,16 @@ class Column(NamedTuple):
 
     shape: tuple[int, ...]
     dtype: torch.dtype
-    by_dimension: bool = False
-    """Whether a vector's dimensions lie apart in memory, each for all rows: kernels that compare
-    something with all of them read it faster."""
+    transposed: bool = False
+    """Whether memory holds one dimension of all rows after the other, for columns of vectors.
+    Kernels that compare one vector with all rows read it faster."""
 
 
 def check_storage(name: str, tensor: Tensor) -> Tensor:
-    """Hands a tensor back, unless it is no longer all in memory, as after `resize_(0)` of that.
+    """Return a tensor unchanged, after checking that its memory is still there.
 
     Raises:
-        ValueError: it is not; torch itself would read on, beyond the end of its memory.
+        ValueError: its storage is too small, as after `resize_(0)`; torch would read beyond it.
     """
     elements = tensor.numel()
     if elements and not tensor.is_contiguous():
@@ -49,7 +43,7 @@ def check_storage(name: str, tensor: Tensor) -> Tensor:
 
 
 def copy_on_state_dict(module: nn.Module) -> None:
-    """Has `state_dict` copy the module's own buffers, which it changes in place."""
+    """Let `state_dict` copy the module's own buffers, which it changes in place."""
     module.register_state_dict_post_hook(_copy_buffers)
 
 
@@ -64,12 +58,14 @@ def _copy_buffers(
 
 
 class GrowableRows(nn.Module):
-    """Columns of equal length that grow by doubling.
+    """Columns of equal length that grow by doubling, in amortised constant time.
 
-    Each column is a registered buffer of shape `[len(rows), *column.shape]` under its own name: a
-    view of memory that has room for more. What says how many rows there are is therefore the
-    buffers themselves, and rows that were added later lie outside of a view that somebody took
-    before. Row numbers are dense: deleting a row moves the later ones down and keeps their order.
+    Each column is a registered buffer `[len(rows), *column.shape]` under its own name: a view of
+    the beginning of larger memory. Views that were taken before keep their rows when more are
+    appended. A `state_dict` holds the rows alone; loading accepts any number of them.
+
+    Methods raise a ValueError, and change nothing, where somebody has replaced buffers by tensors
+    of other shapes or types, of unequal length, or whose memory is gone.
 
     Args:
         columns: the name of each column and what a row of it holds.
@@ -78,14 +74,14 @@ class GrowableRows(nn.Module):
     def __init__(self, columns: Mapping[str, Column]) -> None:
         super().__init__()
         self.columns = dict(columns)
-        self._memory: dict[str, Tensor] = {}  # of which each buffer is the beginning
+        self._memory: dict[str, Tensor] = {}  # [capacity, *shape], which the buffers begin
         for name, column in self.columns.items():
             self.register_buffer(name, torch.zeros(0, *column.shape, dtype=column.dtype))
-        copy_on_state_dict(self)  # else they would be parts of larger memory
+        copy_on_state_dict(self)
         self.register_load_state_dict_pre_hook(_resize_to_loaded_rows)
 
     def __len__(self) -> int:
-        """The number of rows."""
+        """Return the number of rows."""
         for buffer in self._buffers.values():
             return buffer.shape[0] if buffer.dim() else 0  # pyright: ignore[reportOptionalMemberAccess]
         return 0
@@ -96,78 +92,65 @@ class GrowableRows(nn.Module):
         return f"rows={len(self)}, columns=({', '.join(columns)})"
 
     def live(self, name: str) -> Tensor:
-        """A column, `[len(self), *shape]`, valid until the next change.
-
-        Raises:
-            ValueError: it is no longer all in memory.
-        """
+        """Return a column, `[len(self), *shape]`, valid until the next change."""
         return check_storage(name, self._buffers[name])  # pyright: ignore[reportArgumentType]
 
     def append(self, row: Mapping[str, Tensor | float]) -> int:
-        """Adds one row with a value for every column and returns its number."""
-        index = self.extend(1)
+        """Append one row with a value for every column and return its number."""
+        number = self.extend(1)
         for name, value in row.items():
-            self.live(name)[index] = value
-        return index
+            self.live(name)[number] = value
+        return number
 
     def extend(self, rows: int) -> int:
-        """Adds rows of zeros and returns the number of the first.
-
-        Raises:
-            ValueError: as `check`.
-        """
-        self.check()
+        """Append rows of zeros and return the number of the first."""
         first = len(self)
-        for name, memory in self._with_room(rows).items():
-            self._in_rows(name, memory)[first : first + rows] = 0
-        self.show(first + rows)
+        for memory in self._reserve(rows).values():
+            memory[first : first + rows] = 0
+        self.set_length(first + rows)
         return first
 
     def arrays(self, rows: int) -> dict[str, NDArray[Any]]:
-        """The columns with room for so many more rows, as arrays of their memory.
+        """Return the memory of each column, with capacity for so many more rows, as an array.
 
-        One that lies `by_dimension` is of shape `[*shape, rows]`. Whoever writes rows calls `show`
-        with their number.
-
-        Raises:
-            ValueError: as `check`, or columns of another type than they were made with.
+        A transposed column is an array `[*shape, capacity]`, any other `[capacity, *shape]`. Call
+        `set_length` after writing rows into them. Columns must have the types they were made with.
         """
-        self.check()
-        for name, column in self.columns.items():
-            buffer = self.get_buffer(name)
-            if buffer.dtype != column.dtype or not buffer.is_cpu:
+        memory = self._reserve(rows)
+        for name, (_, dtype, _) in self.columns.items():
+            own = memory[name]
+            if own.dtype != dtype or not own.is_cpu:
                 raise ValueError(
-                    f"expected {name} as {column.dtype} on the CPU, got {buffer.dtype} on "
-                    f"{buffer.device}"
+                    f"expected {name} as {dtype} on the CPU, got {own.dtype} on {own.device}"
                 )
-        return {name: memory.numpy() for name, memory in self._with_room(rows).items()}
+        return {
+            name: (memory[name].T if column.transposed else memory[name]).numpy()
+            for name, column in self.columns.items()
+        }
 
-    def show(self, count: int) -> None:
-        """Makes it `count` rows, of those that there is room for."""
+    def set_length(self, rows: int) -> None:
+        """Set the number of rows, at most the capacity; what memory holds becomes their values."""
         for name, memory in self._memory.items():
-            self._buffers[name] = self._in_rows(name, memory)[:count]
+            self._buffers[name] = memory[:rows]
 
     def select(self, rows: Tensor) -> None:
-        """Keeps the rows with these numbers, in this order, and drops all others.
+        """Keep the rows with these numbers, int64 `[K]`, in this order, and drop all others.
 
-        They move to other memory: who reads the old rows meanwhile reads them unchanged.
-
-        Args:
-            rows: row numbers, int64 `[K]`.
-
-        Raises:
-            ValueError: as `check`.
+        They move to other memory, so another thread that reads the old rows sees them unchanged.
         """
         self.check()
         with torch.inference_mode(False):  # a caller's would make them unchangeable later
             kept = {name: self.live(name)[rows] for name in self.columns}
-            self._memory = {name: self._laid_out(name, rows) for name, rows in kept.items()}
-            self.show(len(rows))
+            self._memory = {
+                name: values.T.contiguous().T if self.columns[name].transposed else values
+                for name, values in kept.items()
+            }
+            self.set_length(len(rows))
 
     def swap_remove(self, rows: Tensor) -> None:
-        """Deletes the rows with these numbers, int64 `[K]` ascending, where their order is free.
+        """Delete rows, int64 `[K]` ascending, where the order of the others does not matter.
 
-        From the highest number down, the row that is then the last takes each one's place.
+        From the highest number down, the row that is then the last moves to each one's place.
         """
         order = list(range(len(self)))
         for row in reversed(rows.tolist()):
@@ -176,119 +159,103 @@ class GrowableRows(nn.Module):
         self.select(rows.new_tensor(order))
 
     def delete(self, rows: Tensor) -> None:
-        """Deletes the rows with these numbers, int64 `[K]`; the later ones move down."""
-        alive = torch.ones(len(self), dtype=torch.bool, device=rows.device)
-        alive[rows] = False
-        self.select(alive.nonzero().flatten())
+        """Delete rows, int64 `[K]`; later ones move down."""
+        kept = torch.ones(len(self), dtype=torch.bool, device=rows.device)
+        kept[rows] = False
+        self.select(kept.nonzero().flatten())
 
     def check(self) -> None:
-        """Checks what a user may have done to the buffers, before anything relies on them.
-
-        Raises:
-            ValueError: columns of other shapes or kinds of numbers, of unequal length, or without
-                their memory.
-        """
-        for name, column in self.columns.items():
-            buffer = self.live(name)
-            float_in_both = buffer.is_floating_point() and column.dtype.is_floating_point
-            if buffer.dtype != column.dtype and not float_in_both:
-                raise ValueError(f"expected {name} as {column.dtype}, got {buffer.dtype}")
-            if buffer.shape != (len(self), *column.shape):
-                raise ValueError(
-                    f"expected {name} of shape {[len(self), *column.shape]}, as the other "
-                    f"columns, got {list(buffer.shape)}"
-                )
+        """Check that the buffers are still columns of equal length; any float type is valid."""
+        _check_shapes(self.columns, self._buffers, "")
+        for name, (_, dtype, _) in self.columns.items():
+            got = self.live(name).dtype
+            if got != dtype and not (got.is_floating_point and dtype.is_floating_point):
+                raise ValueError(f"expected {name} as {dtype}, got {got}")
 
     def copy_memory(self) -> None:
-        """Has memory of its own, with room, where so far it shared another's."""
-        count, rows = len(self), self._buffers
-        whole = all(self._room(name) >= count for name in self.columns)
-        self._buffers = dict(rows)
-        if whole and count > 0:
+        """Replace memory that is shared with another module by a copy of the same capacity."""
+        rows, buffers = len(self), self._buffers
+        if rows > 0 and all(self._capacity(name) >= rows for name in self.columns):
             self._memory = {name: memory.clone() for name, memory in self._memory.items()}
-            self.show(count)
-            return
-        for name, buffer in rows.items():
-            self._buffers[name] = None if buffer is None else buffer.clone()
+            self._buffers = dict(buffers)
+            self.set_length(rows)
+        else:
+            self._buffers = {name: b if b is None else b.clone() for name, b in buffers.items()}
 
-    def by_dimension(self, name: str) -> tuple[NDArray[Any], int]:
-        """A column on the CPU as an array `[*shape, rows or more]`, and how many rows it has.
+    def transposed(self, name: str) -> tuple[NDArray[Any], int]:
+        """Return a column on the CPU as an array `[*shape, ≥ rows]`, and the number of rows.
 
-        It is the memory itself, or else a copy.
-
-        Raises:
-            ValueError: it is no longer all in memory.
+        The array is the memory itself, or a copy if the buffer is not part of it.
         """
-        buffer, memory = self.live(name), self._memory.get(name)  # others may change both
-        if memory is not None and self._is_beginning_of(buffer, name, memory):
-            return memory.numpy(), len(buffer)
+        buffer, memory = self.live(name), self._memory.get(name)  # another thread may change both
+        if memory is not None and _begins(buffer, memory):
+            return memory.numpy().T, len(buffer)
         return np.ascontiguousarray(buffer.detach().numpy().T), len(buffer)
 
-    def _laid_out(self, name: str, rows: Tensor) -> Tensor:
-        """Memory that holds just these rows."""
-        return rows.T.contiguous() if self.columns[name].by_dimension else rows.contiguous()
-
-    def _in_rows(self, name: str, memory: Tensor) -> Tensor:
-        return memory.T if self.columns[name].by_dimension else memory
-
-    def _with_room(self, rows: int) -> dict[str, Tensor]:
-        """The memory of each column, with room for so many more rows."""
+    def _reserve(self, rows: int) -> dict[str, Tensor]:
+        """Return each column's memory, checked, with capacity for so many more rows."""
+        self.check()
         count = len(self)
-        if any(self._room(name) < count + rows for name in self.columns):
-            room, grown = max(count + rows, 2 * count, _FEWEST), {}
-            # An odd number of cache lines, or the dimensions of a row would compete for one place.
-            room = room // _TWO_LINES * _TWO_LINES + 3 * _TWO_LINES // 2
-            with torch.inference_mode(False):  # a caller's would make them unchangeable later
-                for name in self.columns:
-                    rows_now = self.live(name)
-                    shape = (room, *rows_now.shape[1:])
-                    turned = self.columns[name].by_dimension
-                    grown[name] = rows_now.new_zeros(shape[::-1] if turned else shape)
-                    self._in_rows(name, grown[name])[:count] = rows_now
-                self._memory = grown  # where memory is short, all of them stay as they are
-                self.show(count)
-        return self._memory
+        if all(self._capacity(name) >= count + rows for name in self.columns):
+            return self._memory
+        # An odd number of cache lines, or the dimensions of a row would compete for one place.
+        capacity = max(count + rows, 2 * count, _MIN_CAPACITY)
+        capacity = capacity // _TWO_LINES * _TWO_LINES + 3 * _TWO_LINES // 2
+        grown = {}
+        with torch.inference_mode(False):  # a caller's would make them unchangeable later
+            for name in self.columns:
+                grown[name] = self._zeros(name, capacity)
+                grown[name][:count] = self.live(name)
+            self._memory = grown  # at the end: where memory is short, all stay as they are
+            self.set_length(count)
+        return grown
 
-    def _room(self, name: str) -> int:
-        """Rows that fit into a column's memory; none, if the buffer has become another tensor."""
-        memory = self._memory.get(name)
-        if memory is None or not self._is_beginning_of(self.get_buffer(name), name, memory):
-            return -1
-        return len(self._in_rows(name, memory))
+    def _zeros(self, name: str, rows: int) -> Tensor:
+        """Return memory for a column `[rows, *shape]`."""
+        shape, like = (rows, *self.columns[name].shape), self.live(name)
+        if self.columns[name].transposed:
+            return like.new_zeros(shape[::-1]).T
+        return like.new_zeros(shape)
 
-    def _is_beginning_of(self, buffer: Tensor, name: str, memory: Tensor) -> bool:
-        rows = self._in_rows(name, memory)
-        same = rows.dtype == buffer.dtype and rows.stride() == buffer.stride()
-        return same and rows.device == buffer.device and rows.data_ptr() == buffer.data_ptr()
+    def _capacity(self, name: str) -> int:
+        """Return how many rows fit into a column's memory; −1 if the buffer is not part of it."""
+        buffer, memory = self.get_buffer(name), self._memory.get(name)
+        return -1 if memory is None or not _begins(buffer, memory) else len(memory)
+
+
+def _begins(buffer: Tensor, memory: Tensor) -> bool:
+    """Return whether a buffer is the beginning of memory."""
+    same = memory.dtype == buffer.dtype and memory.stride() == buffer.stride()
+    return same and memory.device == buffer.device and memory.data_ptr() == buffer.data_ptr()
+
+
+def _check_shapes(columns: Mapping[str, Column], tensors: Mapping[str, Any], prefix: str) -> int:
+    """Return how many rows the tensors have; raise a ValueError unless they are the columns."""
+    rows = None
+    for name, column in columns.items():
+        tensor = tensors.get(prefix + name)
+        got = tuple(tensor.shape) if isinstance(tensor, Tensor) else None
+        if not got or got[1:] != column.shape or rows not in (None, got[0]):
+            wanted = ", ".join(map(str, ("rows" if rows is None else rows, *column.shape)))
+            raise ValueError(
+                f"expected {prefix}{name} of shape [{wanted}], "
+                f"got {'none' if got is None else list(got)}"
+            )
+        rows = got[0]
+    return rows or 0
 
 
 def _resize_to_loaded_rows(
     rows: nn.Module, state_dict: dict[str, Tensor], prefix: str, *_: object
 ) -> None:
-    """Resizes every column to the loaded one, for `load_state_dict` refuses any other shape.
-
-    Raises:
-        ValueError: a column is missing or misshapen, or they are of unequal length; the rows are
-            as they were.
-    """
+    """Resize every column to the loaded one, for `load_state_dict` refuses any other shape."""
     assert isinstance(rows, GrowableRows)
-    loaded = {name: state_dict.get(prefix + name) for name in rows.columns}
-    if all(tensor is None for tensor in loaded.values()):
+    if not any(prefix + name in state_dict for name in rows.columns):
         return  # nothing of it is loaded: `load_state_dict` says so, if it is strict
-    lengths = {name: len(t) if t is not None and t.dim() else None for name, t in loaded.items()}
-    for name, tensor in loaded.items():
-        shape = rows.columns[name].shape
-        if tensor is None or tensor.dim() == 0 or tuple(tensor.shape[1:]) != shape:
-            got = "none" if tensor is None else list(tensor.shape)
-            raise ValueError(f"expected {prefix}{name} of shape [rows, *{list(shape)}], got {got}")
-    if len(set(lengths.values())) > 1:
-        raise ValueError(f"expected columns of equal length under '{prefix}', got {lengths}")
+    count = _check_shapes(rows.columns, state_dict, prefix)
     with torch.inference_mode(False):
-        empty = {
-            name: rows.live(name).new_zeros(t.shape) for name, t in loaded.items() if t is not None
-        }
-        rows._memory = {name: rows._laid_out(name, zeros) for name, zeros in empty.items()}
-        rows.show(next(iter(lengths.values())) or 0)
+        rows._memory = {name: rows._zeros(name, count) for name in rows.columns}
+        rows.set_length(count)
 
 
 def in_single(rows: Tensor) -> Tensor:

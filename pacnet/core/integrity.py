@@ -1,165 +1,217 @@
-"""What must hold of a module's tensors, whoever made them, before they become its state.
+"""Checks of tensors before they become a module's state.
 
-A checkpoint or a `state_dict` can be damaged or edited so that each tensor has the right name and
-shape and the whole still means nothing: a target of NaN would reach a motor, an edge could lead to
-a node that is not there. Checked on every load, before anything is copied, and before a good
-checkpoint is replaced.
+Tensors of a damaged or edited checkpoint can have the right names and shapes and yet contradict one
+another: a target of NaN would reach a motor, an edge would lead to a missing node. They are checked
+on every load, before anything is copied, and before a checkpoint is replaced.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple, Protocol
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple, TypeGuard
 
 import torch
 from torch import Tensor, nn
 
 from pacnet.core.growable_rows import GrowableRows, check_storage
-from pacnet.core.validation import LARGEST
+from pacnet.core.validation import MAX_VALUE
 
 Tensors = Mapping[str, Tensor]
 Checks = dict[str, Tensor | bool]
 
+_FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 _EXTRA = "_extra_state"
-_MODEL = "forward_model"  # a child of which others check what it is made of
-
-
-class _Form(NamedTuple):
-    rows: str | None  # the rows that it is a column of
-    shape: tuple[int, ...]  # of one of them, or of the tensor
-    integer: bool
-
-
-class Checked(Protocol):
-    """A module whose state can be checked."""
-
-    def check_state(self, tensors: Tensors) -> None:
-        """Raises a ValueError naming the first thing that does not hold of its `state_dict`."""
-        ...
+_FORWARD_MODEL = "forward_model"  # a child that checks its own tensors
+_loading = threading.local()
 
 
 def check_on_load(module: nn.Module) -> None:
-    """Has `load_state_dict` refuse what does not hold, before anything is changed."""
+    """Let `load_state_dict` call the module's `check_state(tensors)` before anything is copied."""
     module.register_load_state_dict_pre_hook(_check_loaded)
 
 
-def _check_loaded(module: Any, state_dict: Mapping[str, Tensor], prefix: str, *_: object) -> None:
-    module.check_state(part_of(state_dict, prefix))  # torch tells no hook that it is not strict
+def _check_loaded(
+    module: Any,
+    state_dict: Tensors,
+    prefix: str,
+    _metadata: object,
+    _strict: object,  # always True, even where the caller's is not
+    missing_keys: list[str],
+    *_: object,
+) -> None:
+    # A parent has checked its children. All modules of one load share the list of missing keys.
+    load, checked = getattr(_loading, "checked", (None, ""))
+    if load is missing_keys and prefix.startswith(checked):
+        return
+    module.check_state(part_of(state_dict, prefix))
     for name, buffer in module.named_buffers():
         if not isinstance(module.get_submodule(name.rpartition(".")[0]), GrowableRows):
             check_storage(name, buffer)  # it is copied to
+    _loading.checked = missing_keys, prefix
 
 
-def check_model(model: object, tensors: Tensors, strict: bool) -> None:
-    """Refuses what torch would refuse of a forward model when all else has been copied.
+def check_structure(module: nn.Module, tensors: Tensors) -> None:
+    """Check names, shapes and types of a module's `state_dict`, and the state of its children.
 
-    Args:
-        model: the forward model, or None.
-        tensors: what is to be loaded into it, by name.
-        strict: whether no name may be missing or unknown.
-
-    Raises:
-        ValueError: naming what is.
-    """
-    known = model.state_dict() if isinstance(model, nn.Module) else {}
-    if strict and known.keys() != tensors.keys():
-        raise ValueError(
-            f"expected the tensors {sorted(known) or 'none'} of the forward model, "
-            f"got {sorted(tensors) or 'none'}"
-        )
-    for name in known.keys() & tensors.keys():
-        own, other = known[name], tensors[name]
-        if isinstance(own, Tensor) and not (
-            isinstance(other, Tensor)
-            and own.shape == other.shape
-            and other.layout == own.layout
-            and not other.is_meta
-        ):
-            raise ValueError(
-                f"expected {name} of the forward model of shape {list(own.shape)}, got {other}"
-            )
-    check_values = getattr(model, "check_loaded", None)  # of those that have learned something
-    if callable(check_values):
-        check_values(tensors)
-
-
-def check_forms(module: nn.Module, tensors: Tensors) -> None:
-    """Checks names, shapes and types of what is to become a module's state.
+    Children with a `check_state` of their own check all of their tensors. Those of the forward
+    model are left to `check_model`.
 
     Raises:
         ValueError: naming what is missing, unexpected or misshapen.
     """
-    forms, kind = _forms_of(module), type(module).__name__
-    if forms.keys() != tensors.keys():
-        missing, extra = sorted(forms.keys() - tensors), sorted(tensors.keys() - forms)
-        raise ValueError(
-            f"expected the tensors of {kind}, "
-            f"got {missing or 'none'} missing, {extra or 'none'} extra"
-        )
-    counts: dict[str, int] = {}
-    for name, (rows, shape, integer) in forms.items():
-        tensor = tensors[name]
-        fits = isinstance(tensor, Tensor) and tensor.layout == torch.strided and not tensor.is_meta
-        fits = fits and tensor.is_floating_point() != integer
-        text = name.endswith(_EXTRA)
-        fits = fits and (not integer or tensor.dtype == (torch.uint8 if text else torch.int64))
-        own = tuple(tensor.shape) if fits else ()
-        if rows is not None and own:
-            fits = counts.setdefault(rows, own[0]) == own[0]
-            own = own[1:]
-        elif rows is not None:
-            fits = False
-        if not fits or own != shape:
-            wanted = [*([counts.get(rows, "rows")] if rows is not None else []), *shape]
+    children: dict[str, Any] = {
+        f"{name}.": child
+        for name, child in module.named_children()
+        if hasattr(child, "check_state")
+    }
+    others = (*children, f"{_FORWARD_MODEL}.")
+    own = {name: tensor for name, tensor in tensors.items() if not name.startswith(others)}
+    specs, kind = dict(_specs(module)), type(module).__name__
+    lengths: dict[str, int] = {}  # of each group
+    check_names(kind, specs, own)
+    for name, spec in specs.items():
+        tensor = own[name]
+        if not spec.fits(tensor, lengths.get(spec.group)):
+            rows = [lengths.get(spec.group, "rows")] if spec.group else []
             got = f"{tensor.dtype} {list(tensor.shape)}" if isinstance(tensor, Tensor) else tensor
             raise ValueError(
-                f"expected {name} of {kind} as {'integers' if integer else 'float'} of shape "
-                f"{wanted}, got {got}"
+                f"expected {name} of {kind} as {'integers' if spec.exact else 'float'} of shape "
+                f"{[*rows, *spec.shape]}, got {got}"
             )
         check_storage(name, tensor)
-    if len({t.dtype for name, t in tensors.items() if not forms[name].integer}) > 1:
+        if spec.group:
+            lengths[spec.group] = len(tensor)
+    for prefix, child in children.items():
+        child.check_state(part_of(tensors, prefix))
+    floats = (t.dtype for n, t in tensors.items() if _FORWARD_MODEL not in n.split("."))
+    if len({dtype for dtype in floats if dtype.is_floating_point}) > 1:
         raise ValueError(f"expected floating-point tensors of one type in {kind}, got several")
 
 
-def check_holds(checks: Mapping[str, Tensor | bool]) -> None:
-    """Raises a ValueError for the first that does not hold."""
-    for name, holds in checks.items():
-        if not bool(holds):
-            raise ValueError(f"expected {name}, got tensors in which it does not hold")
+def _is_dense(value: object) -> TypeGuard[Tensor]:
+    """Return whether a value is a tensor with memory that holds each element."""
+    return isinstance(value, Tensor) and value.layout == torch.strided and not value.is_meta
 
 
-def part_of(tensors: Tensors, prefix: str) -> dict[str, Tensor]:
-    """Those whose names begin with it, without it."""
-    return {name[len(prefix) :]: t for name, t in tensors.items() if name.startswith(prefix)}
+class _Spec(NamedTuple):
+    """What a tensor must look like."""
+
+    group: str  # tensors of one group are equally long; "" for one of fixed length
+    shape: tuple[int, ...]  # of each row, or of the whole tensor
+    exact: torch.dtype | None  # None for any floating-point type
+
+    def fits(self, tensor: object, length: int | None) -> bool:
+        """Whether a tensor looks like this; `length` is that of its group, where it is known."""
+        if not _is_dense(tensor) or tensor.dtype not in ((self.exact,) if self.exact else _FLOATS):
+            return False
+        if not self.group:
+            return tensor.shape == self.shape
+        return tensor.dim() > 0 and length in (None, len(tensor)) and tensor.shape[1:] == self.shape
 
 
-def _forms_of(module: nn.Module) -> dict[str, _Form]:
-    """What a module's `state_dict` is made of; a forward model checks its own."""
-    return dict(_walk(module, ""))
-
-
-def _walk(module: nn.Module, prefix: str) -> Iterator[tuple[str, _Form]]:
+def _specs(module: nn.Module, prefix: str = "") -> Iterator[tuple[str, _Spec]]:
+    """Yield the name and the spec of each tensor that the module itself checks."""
     if isinstance(module, GrowableRows):
-        for name, column in module.columns.items():
-            integer = not column.dtype.is_floating_point
-            yield prefix + name, _Form(prefix, column.shape, integer)
+        for name, (shape, dtype, _) in module.columns.items():
+            yield prefix + name, _Spec(prefix, shape, None if dtype.is_floating_point else dtype)
         return
     for name, buffer in module._buffers.items():
         if buffer is not None and name not in module._non_persistent_buffers_set:
-            form = _Form(None, tuple(buffer.shape), not buffer.is_floating_point())
-            yield prefix + name, form
+            exact = None if buffer.is_floating_point() else torch.int64
+            yield prefix + name, _Spec("", tuple(buffer.shape), exact)
     if type(module).get_extra_state is not nn.Module.get_extra_state:
-        yield prefix + _EXTRA, _Form(prefix + _EXTRA, (), True)
+        yield prefix + _EXTRA, _Spec(prefix + _EXTRA, (), torch.uint8)
     for name, child in module.named_children():
-        if name != _MODEL:
-            yield from _walk(child, f"{prefix}{name}.")
+        if name != _FORWARD_MODEL and not hasattr(child, "check_state"):
+            yield from _specs(child, f"{prefix}{name}.")
 
 
-def distant(rows: Tensor) -> Tensor:
-    """Whether rows are finite, and their distances from others would be."""
-    return (rows.isfinite() & (rows.abs() <= LARGEST)).all()  # in half precision, that is infinite
+def check_model(model: object, tensors: Tensors, strict: bool) -> None:
+    """Check what is to be loaded into a forward model, before all else is copied.
+
+    Args:
+        model: the forward model, or None.
+        tensors: by name.
+        strict: whether all names have to be there, and no others.
+
+    Raises:
+        ValueError: naming what is missing, unexpected or misshapen.
+    """
+    own = model.state_dict() if isinstance(model, nn.Module) else {}
+    if strict:
+        check_names("the forward model", own, tensors)
+    for name in own.keys() & tensors.keys():
+        wanted, got = own[name], tensors[name]
+        fits = _is_dense(got) and isinstance(wanted, Tensor) and got.shape == wanted.shape
+        if isinstance(wanted, Tensor) and not fits:
+            raise ValueError(
+                f"expected {name} of the forward model of shape {list(wanted.shape)}, got {got}"
+            )
+    check_values = getattr(model, "check_loaded", None)  # of models that learn
+    if callable(check_values):
+        check_values(tensors)
+
+
+def check_tensors(model: nn.Module, tensors: Tensors, like: str) -> None:
+    """Check names, types and shapes of a checkpoint's tensors against a model's own.
+
+    Args:
+        model: takes the float type of the tensor `like` first; it may be on the meta device.
+        tensors: by name.
+        like: name of the tensor whose dtype is the model's.
+
+    Raises:
+        ValueError: a missing, extra or misshapen tensor, or one of another dtype.
+    """
+    kind = type(model).__name__
+    check_names(kind, model.state_dict(), tensors)
+    if tensors[like].dtype in _FLOATS:
+        model.to(tensors[like].dtype)
+    for name, own in model.state_dict().items():
+        got = tensors[name]
+        if (got.dtype, got.shape) != (own.dtype, own.shape):
+            raise ValueError(
+                f"expected {name} of {kind} as {own.dtype} {list(own.shape)}, "
+                f"got {got.dtype} {list(got.shape)}"
+            )
+
+
+def check_names(kind: str, expected: Iterable[str], got: Iterable[str]) -> None:
+    """Raise a ValueError unless the tensors of a model of this kind have the expected names."""
+    missing, extra = set(expected) - set(got), set(got) - set(expected)
+    if missing or extra:
+        raise ValueError(
+            f"expected the tensors of {kind}, "
+            f"got {sorted(missing) or 'none'} missing, {sorted(extra) or 'none'} extra"
+        )
+
+
+def check_finite(tensors: Tensors, where: str = "") -> None:
+    """Raise a ValueError that names the first tensor with NaN or infinity in it."""
+    for name, tensor in tensors.items():
+        if tensor.dtype in _FLOATS and not bool(torch.isfinite(tensor).all()):
+            raise ValueError(f"expected finite {name}{where}, got NaN or infinity")
+
+
+def check_conditions(checks: Mapping[str, Tensor | bool]) -> None:
+    """Raise a ValueError for the first condition that does not hold."""
+    for condition, holds in checks.items():
+        if not bool(holds):
+            raise ValueError(f"expected {condition}, got tensors in which it does not hold")
+
+
+def part_of(tensors: Tensors, prefix: str) -> dict[str, Tensor]:
+    """Return the tensors whose names begin with a prefix, without the prefix."""
+    return {name[len(prefix) :]: t for name, t in tensors.items() if name.startswith(prefix)}
+
+
+def are_bounded(rows: Tensor) -> Tensor:
+    """Return whether rows are finite, and small enough for their distances to be finite."""
+    # ±MAX_VALUE alone does not refuse infinity in half precision, where it is infinite itself.
+    return (rows.isfinite() & (rows.abs() <= MAX_VALUE)).all()
 
 
 def within(numbers: Tensor, count: int | Tensor) -> bool:
-    """Whether all numbers are from 0 to below a count, or each to below its own."""
+    """Return whether all numbers are from 0 to below a count, or each to below its own."""
     return bool(((numbers >= 0) & (numbers < count)).all())

@@ -1,4 +1,4 @@
-"""Names of the last release: they work on, with a DeprecationWarning, until the next one."""
+"""Names of the last release: they work until the next one, with a DeprecationWarning."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ def warn_renamed(old: str, new: str, stacklevel: int = 3) -> None:
 
 
 def old_names(**new_by_old: str) -> Callable[[_Class], _Class]:
-    """Let a class answer to the old names of its attributes; a dataclass also to those of fields.
+    """Give a class the old names of its attributes, and a dataclass those of its fields.
+
+    Apply it above `@dataclass`.
 
     Args:
         new_by_old: old name -> new name.
     """
 
-    def decorate(cls: _Class) -> _Class:
+    def decorate(cls: Any) -> Any:
         for old, new in new_by_old.items():
             setattr(cls, old, _alias(old, new))
         if hasattr(cls, "__dataclass_fields__"):
             setattr(cls, _FIELDS, new_by_old)
-            cls.__init__ = _taking_old_fields(cls.__init__, new_by_old)
+            cls.__init__ = _with_old_fields(cls.__init__, new_by_old)
         return cls
 
     return decorate
@@ -44,19 +46,20 @@ def _alias(old: str, new: str) -> property:
     return property(get, doc=f"Old name of `{new}`.")
 
 
-def _taking_old_fields(init: Callable[..., None], new_by_old: Mapping[str, str]) -> Any:
+def _with_old_fields(init: Callable[..., None], new_by_old: Mapping[str, str]) -> Any:
     @functools.wraps(init)
-    def take(self: Any, *args: Any, **kwargs: Any) -> None:
+    def take_old(self: Any, *args: Any, **kwargs: Any) -> None:
         for old in new_by_old.keys() & kwargs.keys():
             warn_renamed(old, new_by_old[old])
+            # The old name takes precedence: `dataclasses.replace` gives both.
             kwargs[new_by_old[old]] = kwargs.pop(old)
         init(self, *args, **kwargs)
 
-    return take
+    return take_old
 
 
 def with_new_names(config: type, fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a config read from a file, under their names of today."""
+    """Return the fields of a config read from a file under their new names, without a warning."""
     new_by_old = getattr(config, _FIELDS, {})
     return {new_by_old.get(name, name): value for name, value in fields.items()}
 
@@ -67,19 +70,16 @@ def rename_on_load(module: nn.Module, new_by_old: Mapping[str, str]) -> None:
     Call it before `check_on_load`, for every module that may be loaded by itself.
 
     Args:
-        module: whose tensors, or whose parts' tensors, were renamed.
-        new_by_old: old part of a tensor's name (what stands between two dots) -> new part.
+        module: the module whose tensors, or whose children's tensors, were renamed.
+        new_by_old: old part of a tensor's name (between two dots) -> new part.
     """
-    # A partial of a function of this module, which can be pickled.
-    module.register_load_state_dict_pre_hook(functools.partial(_rename, new_by_old))
+    # Not a closure, which could not be pickled with the module.
+    hook = functools.partial(_rename_loaded, dict(new_by_old))
+    module.register_load_state_dict_pre_hook(hook)
 
 
-def _rename(
-    new_by_old: Mapping[str, str],
-    _: nn.Module,
-    state_dict: dict[str, Tensor],
-    prefix: str,
-    *__: object,
+def _rename_loaded(
+    new_by_old: Mapping[str, str], _module: nn.Module, state_dict: Any, prefix: str, *_: object
 ) -> None:
     rename_tensors(state_dict, new_by_old, prefix)
 
@@ -87,7 +87,7 @@ def _rename(
 def rename_tensors(
     tensors: dict[str, Tensor], new_by_old: Mapping[str, str], prefix: str = ""
 ) -> None:
-    """Rename parts of tensors' names in place, of those that begin with a prefix."""
+    """Rename, in place, the tensors whose names begin with a prefix, part by part."""
     for name in [name for name in tensors if name.startswith(prefix)]:
         parts = name[len(prefix) :].split(".")
         new = prefix + ".".join(new_by_old.get(part, part) for part in parts)

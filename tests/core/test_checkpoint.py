@@ -16,7 +16,15 @@ import torch
 
 from pacnet import CompetingSchemasConfig, MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from pacnet.core import checkpoint as module
-from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
+from pacnet.core.checkpoint import (
+    load_checkpoint,
+    read_checkpoint,
+    save_checkpoint,
+    write_checkpoint,
+)
+from pacnet.forward_models.mlp import MLPForwardModel
+from pacnet.imitator.imitator import Imitator
+from pacnet.network.schema_network import SchemaNetwork
 
 
 def make_network(value: float, recall_by: str = "cue") -> PACNet:
@@ -61,7 +69,7 @@ def test_the_same_network_gives_the_same_bytes(tmp_path):
     ("name", "message"),
     [
         ("schemas.pool.target", r"schemas\.pool\.target of shape \[rows, 1\], got none"),
-        ("schemas.blocks.length", r"\['schemas\.blocks\.length'\] missing, none extra"),
+        ("schemas.blocks.length", r"MotorSchemas, got \['blocks\.length'\] missing, none extra"),
         ("episode", r"\['episode'\] missing, none extra"),
     ],
 )
@@ -91,7 +99,7 @@ def test_columns_of_unequal_length_are_named(checkpoint):
         tensors["schemas.pool.cue"] = tensors["schemas.pool.cue"][:3].clone()
 
     rewrite_tensors(checkpoint, shorten)
-    with pytest.raises(ValueError, match=r"schemas\.pool\.cue .*\[19, 2\], got .*\[3, 2\]"):
+    with pytest.raises(ValueError, match=r"pool\.cue of MotorSchemas .*\[19, 2\], got .*\[3, 2\]"):
         PACNet.from_pretrained(checkpoint)
 
 
@@ -145,6 +153,32 @@ def test_an_edited_config_counts_and_is_said_to_be_one(checkpoint):
     assert network.config.attention.novelty_threshold == 0.25
     network.save_pretrained(checkpoint)
     PACNet.from_pretrained(checkpoint)  # and warns no more
+
+
+def test_the_config_names_the_kind_of_model_and_older_ones_of_networks_need_not(checkpoint):
+    config, tensors = read_checkpoint(checkpoint)
+    assert config.pop("model") == "PACNet"
+    for kind in (Imitator, MLPForwardModel, SchemaNetwork):
+        with pytest.raises(ValueError, match=f"checkpoint of {kind.__name__} in .*got one of 'PAC"):
+            kind.from_pretrained(checkpoint)
+    write_checkpoint(checkpoint, config, tensors)
+    assert len(PACNet.from_pretrained(checkpoint).sofm) == 1
+    write_checkpoint(checkpoint, {"model": "Imitator", **config}, tensors)
+    with pytest.raises(ValueError, match=r"of PACNet in .*got one of 'Imitator'"):
+        PACNet.from_pretrained(checkpoint)
+
+
+def test_what_is_not_finite_is_neither_saved_nor_loaded(tmp_path):
+    good, bad = {"rows": torch.ones(2)}, {"rows": torch.tensor([1.0, math.nan])}
+    save_checkpoint(tmp_path, "Model", {"width": 2}, good)
+    with pytest.raises(ValueError, match="expected finite rows, got NaN"):
+        save_checkpoint(tmp_path, "Model", {"width": 3}, bad)
+    fields, tensors = load_checkpoint(tmp_path, "Model")
+    assert fields == {"width": 2}
+    assert torch.equal(tensors["rows"], good["rows"])
+    write_checkpoint(tmp_path, {"model": "Model"}, bad)
+    with pytest.raises(ValueError, match=f"expected finite rows in '{tmp_path}', got NaN"):
+        load_checkpoint(tmp_path, "Model")
 
 
 def test_no_checkpoint_is_said_so(tmp_path):
@@ -307,13 +341,13 @@ def test_two_stops_in_a_row_do_not_mix_two_checkpoints(checkpoint, monkeypatch):
 
 
 CONTRADICTIONS = {
-    "sofm.nodes.prototype": (math.nan, "finite prototypes"),
+    "sofm.nodes.prototype": (math.nan, r"finite sofm\.nodes\.prototype"),
     "sofm.nodes.habituation": (1.5, "habituation between"),
     "sofm.nodes.habituated_at": (10**6, "habituated_at in the past"),
     "sofm.edges.ends": (99, "nodes that exist"),
     "sofm.edges.age": (-1, "ages of edges"),
-    "schemas.pool.target": (math.nan, "finite targets"),
-    "schemas.pool.cue": (math.inf, "finite cues"),
+    "schemas.pool.target": (1e20, "finite targets, not too large"),
+    "schemas.pool.cue": (math.inf, r"finite schemas\.pool\.cue"),
     "schemas.blocks.start": (10**6, "laid end to end"),
     "schemas.blocks.length": (-1, "lengths of sequences"),
     "schemas.blocks.room": (0, "room for each"),
@@ -418,13 +452,13 @@ DAMAGES = [
     ("schemas.blocks.node", 0, -1, "schemas of nodes that exist"),
     ("schemas.blocks.node", -1, 2, "schemas of nodes that exist"),
     ("schemas.nodes", 0, 3, "motor schemas for each node, got 3 for 2 nodes"),
-    ("schemas.blocks.typical_length", 0, math.nan, "finite typical lengths"),
+    ("schemas.blocks.typical_length", 0, math.nan, r"finite schemas\.blocks\.typical_length"),
     ("schemas.blocks.typical_length", 0, 0, "positive lengths of what is supported"),
-    ("schemas.blocks.fit", -1, math.inf, "finite typical lengths, fits"),
-    ("schemas.blocks.continuation", -1, math.nan, "finite typical lengths, fits and continuations"),
+    ("schemas.blocks.fit", -1, math.inf, r"finite schemas\.blocks\.fit"),
+    ("schemas.blocks.continuation", -1, math.nan, r"finite schemas\.blocks\.continuation"),
     ("schemas.blocks.support", 0, 3, "a pass for each support"),
     ("schemas.blocks.support", 0, -1, "a pass for each support"),
-    ("schemas.episodes.last_cue", 0, math.nan, "finite last cues"),
+    ("schemas.episodes.last_cue", 0, -1e20, "finite last cues, not too large"),
     ("schemas.episodes.behaviour", 0, -1, "behaviours that have a name"),
     ("schemas.episodes.behaviour", -1, 2, "behaviours that have a name"),
     ("schemas.episodes.number", 0, 1, "ascending numbers of episodes"),
@@ -436,7 +470,7 @@ DAMAGES = [
     ("schemas.visits.first", 0, 4, "passes within their episodes"),
     ("schemas.visits.last", -1, 8, "passes within their episodes"),
     ("schemas.episodes.samples", -1, 7, "passes within their episodes"),
-    ("schemas.pool.cue", 0, math.nan, "finite cues"),
+    ("schemas.pool.cue", 0, 1e20, "finite cues, not too large"),
     ("schemas.blocks.shown_in", 0, -1, "sequences of episodes that exist"),
     ("schemas.blocks.shown_in", -1, 4, "sequences of episodes that exist"),
     ("schemas.blocks.shown_in", -1, 0, "a pass in which each sequence was shown"),
@@ -485,7 +519,7 @@ def test_names_that_are_no_list_of_different_names_are_refused(tmp_path, text: s
 def test_the_names_may_not_be_missing(tmp_path):
     make_competing().save_pretrained(tmp_path)
     rewrite_tensors(tmp_path, lambda tensors: tensors.pop("schemas._extra_state"))
-    with pytest.raises(ValueError, match=r"schemas\._extra_state'\] missing"):
+    with pytest.raises(ValueError, match=r"CompetingSchemas, got \['_extra_state'\] missing"):
         PACNet.from_pretrained(tmp_path)
 
 
@@ -501,7 +535,7 @@ def test_the_config_of_one_kind_does_not_read_the_tensors_of_the_other(tmp_path,
     make_competing().save_pretrained(tmp_path / "competing")
     config, _ = read_checkpoint(checkpoint)
     write_checkpoint(tmp_path / "competing", config, read_checkpoint(tmp_path / "competing")[1])
-    with pytest.raises(ValueError, match=r"schemas\.blocks\.episode'\] missing.*passes"):
+    with pytest.raises(ValueError, match=r"got \['blocks\.episode'\] missing.*passes"):
         PACNet.from_pretrained(tmp_path / "competing")
 
 

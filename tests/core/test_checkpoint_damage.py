@@ -10,9 +10,8 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
+from pacnet.core.checkpoint import read_checkpoint, rebuild_config, write_checkpoint
 from pacnet.core.durable import put_in_place
-from pacnet.core.model_checkpoint import rebuild_config
 from pacnet.network.schema_network_config import SchemaNetworkConfig
 
 CONFIG, TENSORS = "config.json", "model.safetensors"

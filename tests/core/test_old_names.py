@@ -1,0 +1,118 @@
+"""Old names: attributes, config fields and tensors work under them, and say what they are now."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
+
+import pytest
+import torch
+from torch import Tensor, nn
+
+from pacnet.core.checkpoint import rebuild_config
+from pacnet.core.old_names import old_names, rename_on_load, rename_tensors, with_new_names
+
+NEW_BY_OLD = {"room": "capacity", "told": "spec"}
+
+
+@old_names(room="capacity")
+@dataclass(frozen=True)
+class Config:
+    """A config, one of whose fields was renamed."""
+
+    capacity: int
+    margin: float = 0.5
+
+
+@old_names(place="offset")
+class Record(NamedTuple):
+    """A record, whose field was renamed."""
+
+    offset: int
+
+
+@old_names(room="capacity")
+class Child(nn.Module):
+    """A module, whose tensor was renamed."""
+
+    capacity: Tensor
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_buffer("capacity", torch.zeros(2))
+        rename_on_load(self, NEW_BY_OLD)
+
+
+class Parent(nn.Module):
+    """Only a child's tensor was renamed, and the child's own name."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.spec = Child()
+        rename_on_load(self, NEW_BY_OLD)
+
+
+@pytest.mark.parametrize(
+    ("owner", "old", "value"), [(Config(3), "room", 3), (Record(4), "place", 4)]
+)
+def test_an_old_attribute_gives_the_new_one_with_a_warning(owner: object, old: str, value: int):
+    with pytest.warns(DeprecationWarning, match=f"{old} is now") as warned:
+        assert getattr(owner, old) == value
+    assert warned[0].filename == __file__
+
+
+def test_an_old_attribute_of_a_module_gives_the_tensor_itself():
+    child = Child()
+    with pytest.warns(DeprecationWarning, match="room is now capacity"):
+        assert child.room is child.capacity
+    assert list(child.state_dict()) == ["capacity"]
+
+
+def test_an_old_field_sets_the_new_one_with_a_warning():
+    with pytest.warns(DeprecationWarning, match="room is now capacity") as warned:
+        config = Config(room=3, margin=0.25)
+    assert config == Config(3, 0.25)
+    assert warned[0].filename == __file__
+    with pytest.warns(DeprecationWarning, match="room is now capacity"):
+        assert replace(config, room=5) == Config(5, 0.25)
+
+
+def test_new_names_do_not_warn_and_unknown_ones_are_refused():
+    assert asdict(Config(capacity=3)) == {"capacity": 3, "margin": 0.5}
+    with pytest.raises(TypeError, match="rooms"):
+        Config(rooms=3)
+
+
+def test_fields_that_were_read_are_renamed_without_a_warning():
+    assert with_new_names(Config, {"room": 3, "other": 1}) == {"capacity": 3, "other": 1}
+    assert with_new_names(dict, {"room": 3}) == {"room": 3}
+    assert rebuild_config(Config, {"room": 3}) == Config(3)
+
+
+@pytest.mark.parametrize(
+    "copied", [lambda m: m, copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))]
+)
+def test_tensors_load_under_old_and_new_names_also_into_copies(
+    copied: Callable[[nn.Module], nn.Module],
+):
+    parent = copied(Parent())
+    for number, name in enumerate(("told.room", "told.capacity", "spec.room", "spec.capacity")):
+        parent.load_state_dict({name: torch.full((2,), float(number))})
+        assert parent.spec.capacity.tolist() == [number] * 2
+    parent.spec.load_state_dict({"room": torch.ones(2)})
+    assert parent.spec.capacity.tolist() == [1, 1]
+
+
+def test_only_whole_parts_of_names_are_renamed_and_only_under_the_prefix():
+    tensors = {name: torch.ones(1) for name in ("a.room", "a.rooms", "b.room", "a.room.told")}
+    rename_tensors(tensors, NEW_BY_OLD, "a.")
+    assert set(tensors) == {"a.capacity", "a.rooms", "b.room", "a.capacity.spec"}
+
+
+def test_loading_does_not_rename_the_callers_own_tensors():
+    state = {"told.room": torch.ones(2)}
+    Parent().load_state_dict(state)
+    assert list(state) == ["told.room"]
