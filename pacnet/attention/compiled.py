@@ -150,7 +150,7 @@ class CompiledSOFM:
     def read(self, nodes: GrowableRows, percepts: Tensor) -> Attention:
         """Reads finite, scaled percepts `[B, D]`, without gradient, in as many threads as torch."""
         rows = np.ascontiguousarray(percepts.detach().numpy())
-        count, (prototype, number) = len(rows), nodes.by_dimension("prototype")
+        count, (prototype, number) = len(rows), nodes.transposed("prototype")
         if rows.shape[1] != len(prototype):
             raise ValueError(
                 f"expected percepts of {len(prototype)} dimensions, as prototypes have, "
@@ -183,8 +183,8 @@ class CompiledSOFM:
             self._buffers = ()
             raise
         if nodes != before[kernels.NODES] or edges != before[kernels.EDGES]:
-            state.nodes.show(nodes)
-            state.edges.show(edges)
+            state.nodes.set_length(nodes)
+            state.edges.set_length(edges)
             self._hold(state)
         if status == kernels.DONE:
             return done, _NO_NODE
@@ -259,7 +259,7 @@ class CompiledSOFM:
                 f"expected prototypes [nodes, D] and a float32 scale [D], got "
                 f"{list(prototype.shape)} and {scale.dtype} {list(scale.shape)}"
             )
-        nodes, factors = state.nodes.by_dimension("prototype"), array_of(scale)
+        nodes, factors = state.nodes.transposed("prototype"), array_of(scale)
         if nodes[0].ctypes.data == prototype.data_ptr() and scale.is_contiguous():  # no copies
             self._read = prototype, scale, prototype.data_ptr(), scale.data_ptr(), nodes, factors
         return nodes, factors

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from pacnet.core.validation import LARGEST, LONGEST, check_fields, is_integer, is_number
+from pacnet.core.validation import MAX_SAMPLES, MAX_VALUE, check_fields, is_integer, is_number
 
-LARGEST_PERCEPT = LARGEST
+LARGEST_PERCEPT = MAX_VALUE
 """Of a scaled percept, in any dimension."""
 
 
@@ -138,12 +138,12 @@ class SOFMConfig:
             "winner_tau": (_within(self.winner_tau, 0, math.inf), "> 0 firings"),
             "neighbour_tau": (_within(self.neighbour_tau, 0, math.inf), "> 0 firings"),
             "forgetting_interval": (
-                interval is None or (is_integer(interval, 1) and interval <= LONGEST),
-                f"to be an integer from 1 to {LONGEST} samples or None",
+                interval is None or (is_integer(interval, 1) and interval <= MAX_SAMPLES),
+                f"to be an integer from 1 to {MAX_SAMPLES} samples or None",
             ),
             "max_edge_age": (
-                is_integer(self.max_edge_age, 1) and self.max_edge_age <= LONGEST,
-                f"to be an integer from 1 to {LONGEST}",
+                is_integer(self.max_edge_age, 1) and self.max_edge_age <= MAX_SAMPLES,
+                f"to be an integer from 1 to {MAX_SAMPLES}",
             ),
             **{
                 name: (isinstance(getattr(self, name), bool), "to be true or false")

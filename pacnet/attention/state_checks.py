@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 
 from pacnet.attention.records import NO_NODE
-from pacnet.core.integrity import Checks, Tensors, distant
-from pacnet.core.validation import LONGEST
+from pacnet.core.integrity import Checks, Tensors, are_bounded
+from pacnet.core.validation import MAX_SAMPLES
 
 
 def map_holds(floor: float, tensors: Tensors) -> Checks:
@@ -20,12 +20,12 @@ def map_holds(floor: float, tensors: Tensors) -> Checks:
     ends, age, time = tensors["edges.ends"], tensors["edges.age"], tensors["time"]
     nodes, floor = len(habituation), floor - (1e-6 if habituation.dtype != torch.half else 1e-3)
     return {
-        "finite prototypes, not too large": distant(tensors["nodes.prototype"]),
+        "finite prototypes, not too large": are_bounded(tensors["nodes.prototype"]),
         "habituation between its floor and 1": ((habituation >= floor) & (habituation <= 1)).all(),
-        "a time ≥ 0 that can go on": (time >= 0) & (time <= LONGEST),
+        "a time ≥ 0 that can go on": (time >= 0) & (time <= MAX_SAMPLES),
         "habituated_at in the past": ((since >= NO_NODE) & (since <= time)).all(),
         "edges between nodes that exist": ((ends >= 0) & (ends < nodes)).all(),
         "edges with the lower node first": (ends[:, 0] < ends[:, 1]).all(),
         "one edge between two nodes": len(ends.unique(dim=0)) == len(ends),
-        "ages of edges ≥ 0 that can go on": ((age >= 0) & (age <= LONGEST)).all(),
+        "ages of edges ≥ 0 that can go on": ((age >= 0) & (age <= MAX_SAMPLES)).all(),
     }

@@ -13,17 +13,10 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Tensor, nn
 
+from pacnet.core.checkpoint import load_checkpoint, rebuild_config, save_checkpoint
 from pacnet.core.drafts import Lock
-from pacnet.core.integrity import part_of
-from pacnet.core.model_checkpoint import (
-    check_finite,
-    check_names,
-    check_tensors,
-    read_model,
-    rebuild_config,
-    save_model,
-)
-from pacnet.core.validation import batch_of_one, check_fields, check_rows, is_integer, is_number
+from pacnet.core.integrity import check_finite, check_names, check_tensors, part_of
+from pacnet.core.validation import as_batch, check_fields, check_rows, is_integer, is_number
 from pacnet.forward_models.protocol import Command, Selection
 
 
@@ -107,7 +100,7 @@ class CandidateModel(nn.Module):
             ValueError: a tensor of the wrong shape, dtype or device, or not finite.
         """
         offered = self.candidates if candidates is None else candidates
-        states, targets = batch_of_one(state), batch_of_one(target)
+        states, targets = as_batch(state), as_batch(target)
         self._check_choice(states, offered, target=targets)
         ((best, costs, spread, abstained),) = self._choose(states, targets, offered)
         index, costs = max(best, 0), torch.from_numpy(costs).to(targets)
@@ -169,7 +162,7 @@ class CandidateModel(nn.Module):
         Raises:
             ValueError: a tensor is not finite; nothing has been written.
         """
-        save_model(self, asdict(self.config), folder)
+        save_checkpoint(folder, type(self).__name__, asdict(self.config), self.state_dict())
 
     @classmethod
     def check_sizes(cls, config: Any, tensors: Mapping[str, Tensor]) -> None:
@@ -183,7 +176,7 @@ class CandidateModel(nn.Module):
                 sizes = cls(config)
         except (RuntimeError, TypeError) as error:  # a size that no integer of 64 bits holds
             raise ValueError("expected sizes that fit into memory") from error
-        check_tensors(sizes, dict(tensors), like=cls.float_tensor)
+        check_tensors(sizes, tensors, like=cls.float_tensor)
 
     @classmethod
     def from_pretrained(cls, folder: str | Path) -> Self:
@@ -194,7 +187,7 @@ class CandidateModel(nn.Module):
             ValueError: a damaged file, an unknown version, the checkpoint of something else, a
                 config that does not fit the tensors, or tensors that `load_state_dict` refuses.
         """
-        fields, tensors = read_model(folder, cls.__name__)
+        fields, tensors = load_checkpoint(folder, cls.__name__)
         config = rebuild_config(cls.config_type, fields)
         cls.check_sizes(config, tensors)
         model = cls(config).to(tensors[cls.float_tensor].dtype)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.core.growable_rows import Column, GrowableRows, check_storage, copy_on_state_dict
-from pacnet.core.integrity import check_forms, check_holds, check_on_load
-from pacnet.core.validation import LARGEST, is_integer
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure
+from pacnet.core.validation import MAX_VALUE, is_integer
 
 MARGIN = 4.0  # times what is usual is tolerated
 RATE = 0.1  # per percept, at which residuals are followed: noise averages out over some twenty
@@ -155,16 +155,16 @@ class Familiarity(nn.Module):
         _check_arrays(wanted, percept, cues)
         if percept.shape != (self.dimensions,) or cues.shape[1:] != percept.shape:
             raise ValueError(f"{wanted}, got {list(percept.shape)} and {list(cues.shape)}")
-        if not np.abs(percept).max() <= LARGEST:  # NaN is not
+        if not np.abs(percept).max() <= MAX_VALUE:  # NaN is not
             raise ValueError(
-                f"expected a finite percept within ±{LARGEST:g}, got {percept.tolist()}"
+                f"expected a finite percept within ±{MAX_VALUE:g}, got {percept.tolist()}"
             )
         _check_single(percept, cues)
         if len(cues) == 0:
             return Judgement(math.inf, 0, math.inf, float(self.tolerance[0]))
         residual = residual_of(percept, cues)
-        if not np.abs(residual).max() <= 2 * LARGEST:  # NaN is not
-            raise ValueError(f"expected finite cues within ±{LARGEST:g}, got others among them")
+        if not np.abs(residual).max() <= 2 * MAX_VALUE:  # NaN is not
+            raise ValueError(f"expected finite cues within ±{MAX_VALUE:g}, got others among them")
         self._deviation += RATE * (np.abs(residual) - self._deviation)
         tolerance = self.tolerance
         ratio = self._deviation / tolerance
@@ -183,9 +183,9 @@ class Familiarity(nn.Module):
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raises a ValueError unless these tensors, of a `state_dict`, are the state of one."""
-        check_forms(self, tensors)
+        check_structure(self, tensors)
         usual, deviations = tensors["usual"], tensors["episodes.deviation"]
-        check_holds(
+        check_conditions(
             {
                 "usual deviations > 0": ((usual > 0) & usual.isfinite()).all(),
                 "finite deviations ≥ 0": ((deviations >= 0) & deviations.isfinite()).all(),
@@ -197,8 +197,8 @@ class Familiarity(nn.Module):
         _check_arrays(wanted, rows)
         if rows.ndim != 2 or rows.shape[1] != self.dimensions or len(rows) == 0:
             raise ValueError(f"{wanted}, got {list(rows.shape)}")
-        if not np.abs(rows).max() <= LARGEST:  # NaN is not
-            raise ValueError(f"expected finite {name} within ±{LARGEST:g}, got others among them")
+        if not np.abs(rows).max() <= MAX_VALUE:  # NaN is not
+            raise ValueError(f"expected finite {name} within ±{MAX_VALUE:g}, got others among them")
         _check_single(rows)
 
 

@@ -16,8 +16,9 @@ import torch
 from torch import Tensor, nn
 
 from pacnet.competition.winner_take_all import NO_SCHEMA, Competition
+from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
 from pacnet.core.growable_rows import Column, GrowableRows
-from pacnet.core.model_checkpoint import load_tensors, read_model, save_model
+from pacnet.core.integrity import check_structure
 from pacnet.core.validation import check_rows
 from pacnet.forward_models.candidates import check_equally_many
 from pacnet.forward_models.protocol import ForwardModel
@@ -254,7 +255,7 @@ class SchemaNetwork(nn.Module):
         bare = SchemaNetwork(self.config).to(self.scale.dtype)  # without the forward model
         own = self.state_dict()
         bare.load_state_dict({n: t for n, t in own.items() if not n.startswith("forward_model.")})
-        save_model(bare, asdict(self.config), folder)
+        save_checkpoint(folder, "SchemaNetwork", asdict(self.config), bare.state_dict())
 
     @classmethod
     def from_pretrained(
@@ -272,12 +273,10 @@ class SchemaNetwork(nn.Module):
                 missing, extra or misshapen tensor, one of another dtype, not finite, or lengths
                 that do not add up.
         """
-        fields, tensors = read_model(folder, "SchemaNetwork")
+        fields, tensors = load_checkpoint(folder, "SchemaNetwork")
         network = cls(SchemaNetworkConfig.from_dict(fields))
-        for rows, name in ((network.pool, "pool.percept"), (network.sequences, "sequences.length")):
-            saved = tensors.get(name)
-            rows.extend(len(saved) if saved is not None and saved.dim() else 0)
-        load_tensors(network, tensors, like="pool.percept")
+        check_structure(network, tensors)
+        network.to(tensors["pool.percept"].dtype).load_state_dict(tensors)
         lengths = network.lengths
         if bool((lengths < 1).any()) or int(lengths.sum()) != len(network.pool):
             raise ValueError(

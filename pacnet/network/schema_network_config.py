@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pacnet.competition.winner_take_all import CompetitionConfig
-from pacnet.core.model_checkpoint import rebuild_config
+from pacnet.core.checkpoint import rebuild_config
 from pacnet.core.validation import check_fields, is_integer, is_number
 
 

@@ -1053,7 +1053,7 @@ BREAKS = {
     "pacnet.imitator.imitator.EpisodeReport": ("imitator",),
     "pacnet.imitator.novelty.Familiarity._note": ("imitator",),
     "pacnet.core.growable_rows.GrowableRows.extend": (*ONE_A_NODE, *SEVERAL),
-    "pacnet.core.growable_rows.GrowableRows.show": ("map", *ONE_A_NODE, *SEVERAL),
+    "pacnet.core.growable_rows.GrowableRows.set_length": ("map", *ONE_A_NODE, *SEVERAL),
     "pacnet.attention.compiled._as_lesson": ("map", *ONE_A_NODE, *SEVERAL),
 }
 
