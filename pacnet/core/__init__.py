@@ -1,1 +1,1 @@
-"""What everything stands on: growable buffers, checks, checkpoints, durable files."""
+"""Growable buffers, checks, checkpoints and durable files, which all other folders use."""

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 
-from pacnet.core.durable import NEW, flush_folder, written_through
+from pacnet.core.durable import NEW, open_synced, sync_folder
 from pacnet.core.integrity import check_finite
 from pacnet.core.old_names import with_new_names
 
@@ -110,11 +110,11 @@ def write_checkpoint(
     digest = _digest(text)
     weights = save(copies, metadata={_DIGESTS: f"{digest} {_tensor_digest(digest, copies)}"})
     for name, content in ((CONFIG_FILE, text), (TENSOR_FILE, weights)):
-        with written_through(folder / (name + NEW)) as file:
+        with open_synced(folder / (name + NEW)) as file:
             file.write(content)
     for name in (TENSOR_FILE, CONFIG_FILE):
         (folder / (name + NEW)).replace(folder / name)
-    flush_folder(folder)
+    sync_folder(folder)
 
 
 def read_checkpoint(folder: str | Path) -> tuple[dict[str, Any], dict[str, Tensor]]:

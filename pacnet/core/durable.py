@@ -1,7 +1,7 @@
-"""Files that are whole and on the disk before anything rests on them.
+"""Files that are whole and on the disk, or not there at all.
 
-What is written is a file of its own: neither a link at its name nor another name of the same file
-leads elsewhere.
+What is written is always a new file: a link at its path, or another name of the file that was
+there, does not lead the writer elsewhere.
 """
 
 import os
@@ -10,49 +10,38 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-NEW = ".new"  # suffix of a file that is not whole yet
+NEW = ".new"  # suffix of a file that is not yet whole
 
 
 @contextmanager
-def written_through(path: Path) -> Iterator[IO[bytes]]:
-    """A file to write, which is down on the disk after the block: its rename cannot overtake it.
-
-    What is at `path` already is deleted, not written into.
-    """
-    with _made_anew(path) as file:
+def open_synced(path: Path) -> Iterator[IO[bytes]]:
+    """Open a new file for writing that is on the disk after the block; a file there is deleted."""
+    path.unlink(missing_ok=True)
+    with path.open("xb") as file:  # exclusively, which never follows a symbolic link
         yield file
         file.flush()
         os.fsync(file.fileno())
 
 
-def _made_anew(path: Path) -> IO[bytes]:
-    """A new file, opened exclusively, which never follows a symbolic link."""
-    try:
-        return path.open("xb")
-    except FileExistsError:
-        path.unlink()
-        return path.open("xb")
-
-
-def put_in_place(path: Path, content: bytes) -> None:
-    """Writes a file that is there as a whole or not at all, whenever the process is killed."""
-    fresh = path.with_name(path.name + NEW)
-    with written_through(fresh) as file:
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file that replaces the one at the path as a whole; after a crash one is intact."""
+    new = path.with_name(path.name + NEW)
+    with open_synced(new) as file:
         file.write(content)
-    fresh.replace(path)
-    flush_folder(path.parent)
+    new.replace(path)
+    sync_folder(path.parent)
 
 
 def make_folder(folder: Path) -> None:
-    """Makes a folder and its parents, where they are missing, as durable as what it will hold."""
+    """Make a folder and its parents, where they are missing, and sync them to the disk."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     for path in missing:
-        flush_folder(path.parent)
+        sync_folder(path.parent)
 
 
-def flush_folder(folder: Path) -> None:
-    """Makes the renames and deletions in a folder durable, where the system can."""
+def sync_folder(folder: Path) -> None:
+    """Sync the renames and deletions in a folder to the disk, where the system can."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)

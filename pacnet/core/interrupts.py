@@ -1,4 +1,4 @@
-"""Ctrl-C between two steps of work, never within one."""
+"""Ctrl-C that waits for the end of a step of work."""
 
 import signal
 import threading
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def defer_sigint() -> Iterator[None]:
-    """Delivers a Ctrl-C only after the block, so that nothing is left half done."""
+    """Deliver a Ctrl-C only after the block, so that nothing is left half done."""
     if threading.current_thread() is not threading.main_thread():
         yield  # Python raises KeyboardInterrupt in the main thread alone
         return

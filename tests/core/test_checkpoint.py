@@ -194,7 +194,7 @@ def test_a_stop_after_each_step_of_writing_leaves_old_or_new(checkpoint, monkeyp
     class KilledError(Exception):
         pass
 
-    write, replace = module.written_through, module.Path.replace
+    write, replace = module.open_synced, module.Path.replace
     done = []
 
     @contextmanager
@@ -210,7 +210,7 @@ def test_a_stop_after_each_step_of_writing_leaves_old_or_new(checkpoint, monkeyp
         if target.name.startswith(step):
             raise KilledError
 
-    monkeypatch.setattr(module, "written_through", counted_write)
+    monkeypatch.setattr(module, "open_synced", counted_write)
     monkeypatch.setattr(module.Path, "replace", counted_replace)
     with pytest.raises(KilledError):
         make_network(2.0, recall_by="order").save_pretrained(checkpoint)
@@ -315,7 +315,7 @@ def test_two_stops_in_a_row_do_not_mix_two_checkpoints(checkpoint, monkeypatch):
     class KilledError(Exception):
         pass
 
-    replace, write = Path.replace, module.written_through
+    replace, write = Path.replace, module.open_synced
 
     def stop_after_tensors(source, target):
         replace(source, target)
@@ -332,7 +332,7 @@ def test_two_stops_in_a_row_do_not_mix_two_checkpoints(checkpoint, monkeypatch):
         with pytest.raises(KilledError):
             make_network(2.0, recall_by="order").save_pretrained(checkpoint)
     with monkeypatch.context() as patch:
-        patch.setattr(module, "written_through", stop_after_first_write)
+        patch.setattr(module, "open_synced", stop_after_first_write)
         with pytest.raises(KilledError):
             make_network(3.0).save_pretrained(checkpoint)
     loaded = PACNet.from_pretrained(checkpoint)

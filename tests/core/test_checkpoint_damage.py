@@ -11,7 +11,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from pacnet.core.checkpoint import read_checkpoint, rebuild_config, write_checkpoint
-from pacnet.core.durable import put_in_place
+from pacnet.core.durable import write_atomically
 from pacnet.network.schema_network_config import SchemaNetworkConfig
 
 CONFIG, TENSORS = "config.json", "model.safetensors"
@@ -186,7 +186,7 @@ def test_a_file_that_is_put_in_place_replaces_a_link(
 ):
     (tmp_path / "precious").write_text("mine")
     link(tmp_path / name, tmp_path / "precious")
-    put_in_place(tmp_path / "file", b"new")
+    write_atomically(tmp_path / "file", b"new")
     assert (tmp_path / "precious").read_text() == "mine"
     assert (tmp_path / "file").read_text() == "new"
     assert not (tmp_path / "file").is_symlink()
@@ -206,7 +206,7 @@ def test_a_config_in_a_link_is_not_brought_into_force(
 ):
     """A load may read it, as it is the right one; a save, be it killed, puts no link in place."""
     tensors = read_checkpoint(folder)[1]
-    monkeypatch.setattr("pacnet.core.checkpoint.written_through", None)
+    monkeypatch.setattr("pacnet.core.checkpoint.open_synced", None)
     (tmp_path / "config").write_bytes((folder / CONFIG).read_bytes())
     (folder / f"{CONFIG}.new").symlink_to(tmp_path / "config")
     assert read_checkpoint(folder)[0] == {"nodes": 2}
