@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pacnet.core.durable import NEW, flush_folder, make_folder
+from pacnet.core.durable import NEW, make_folder, sync_folder
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.datasets.format.errors import DatasetError
 from pacnet.datasets.format.features import RESERVED, Feature, checked_features, checked_frames
@@ -77,7 +77,7 @@ def write_annotated(
                 }
                 recorder.save_episode(episode.task, frames | extra)
         copy.rename(destination)
-    flush_folder(destination.parent)
+    sync_folder(destination.parent)
 
 
 def check_source(

@@ -1090,11 +1090,11 @@ def test_ctrl_c_while_it_writes_waits_until_the_checkpoint_is_whole(
 ):
     code = f"""
 from pacnet.core import checkpoint
-write = checkpoint.written_through
+write = checkpoint.open_synced
 def interrupted(path):
     {INTERRUPT}
     return write(path)
-checkpoint.written_through = interrupted
+checkpoint.open_synced = interrupted
 """
     done = process("fit", dataset, "--out", tmp_path / "out", code=code)
     assert (done.returncode, done.stderr) == (130, "interrupted\n")

@@ -18,7 +18,7 @@ import torch
 from checkers import assert_clean
 from numpy.typing import NDArray
 
-from pacnet.core.durable import put_in_place
+from pacnet.core.durable import write_atomically
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.format.features import Feature
 from pacnet.datasets.format.lerobot_files import DatasetError
@@ -318,9 +318,9 @@ def test_an_interrupt_while_saving_waits_until_the_episode_is_written(
     def interrupt_and_put(path: Path, content: bytes) -> None:
         if path.name == "episode-000001.arrow":
             signal.raise_signal(signal.SIGINT)
-        put_in_place(path, content)
+        write_atomically(path, content)
 
-    monkeypatch.setattr("pacnet.datasets.journal.journal.put_in_place", interrupt_and_put)
+    monkeypatch.setattr("pacnet.datasets.journal.journal.write_atomically", interrupt_and_put)
     with Recorder(tmp_path / "new", fps=10, features=FEATURES) as recorder:
         recorder.save_episode("task", episode(0))
         with pytest.raises(KeyboardInterrupt):

@@ -181,7 +181,7 @@ def test_frames_of_an_episode_that_the_disk_refuses_may_be_saved_again(
     with open_recorder(tmp_path / "new") as recorder:
         add_frames(recorder, 3)
         with monkeypatch.context() as patched:
-            patched.setattr("pacnet.datasets.journal.journal.put_in_place", refuse)
+            patched.setattr("pacnet.datasets.journal.journal.write_atomically", refuse)
             with pytest.raises(OSError, match="full"):
                 recorder.save_episode("task")
         recorder.save_episode("task")

@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from pacnet.core.durable import put_in_place
+from pacnet.core.durable import write_atomically
 
 PLACE = "meta/rdq_expected.yaml"
 
@@ -27,4 +27,4 @@ def expect_findings(
     if episodes is not None:
         declared["episodes"] = list(episodes)
     text = json.dumps([declared], indent=2, ensure_ascii=False)  # which is YAML as well
-    put_in_place(dataset / PLACE, f"{text}\n".encode())
+    write_atomically(dataset / PLACE, f"{text}\n".encode())

@@ -19,7 +19,7 @@ from torch import Tensor
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.frames import Frames, content_of
-from pacnet.core.durable import put_in_place
+from pacnet.core.durable import write_atomically
 from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.imitator.imitator import Imitator
 
@@ -153,7 +153,7 @@ class Training:
             "tasks": tasks,
         }
         contiguous = {name: tensor.contiguous() for name, tensor in tensors.items()}
-        put_in_place(folder / STATE, save(contiguous, {"training": json.dumps(facts)}))
+        write_atomically(folder / STATE, save(contiguous, {"training": json.dumps(facts)}))
 
     @classmethod
     def load(cls, config: PACNetConfig, folder: Path) -> Training | None:

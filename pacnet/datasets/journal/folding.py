@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pacnet.core.durable import written_through
+from pacnet.core.durable import open_synced
 from pacnet.datasets.format.arrow_columns import to_arrow, to_numpy
 from pacnet.datasets.format.description import check_same
 from pacnet.datasets.format.errors import DatasetError
@@ -232,12 +232,12 @@ def _episodes_bytes(dataset: Dataset, rows: Sequence[dict[str, Any]]) -> "pa.Buf
 
 
 def _stage_bytes(stage: Stage, place: str, content: "bytes | pa.Buffer") -> None:
-    with written_through(stage.add(place)) as file:
+    with open_synced(stage.add(place)) as file:
         file.write(content)
 
 
 def _stage_table(stage: Stage, place: str, table: "pa.Table") -> None:
     import pyarrow.parquet as pq
 
-    with written_through(stage.add(place)) as file:
+    with open_synced(stage.add(place)) as file:
         pq.write_table(table, file, compression="snappy")

@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Self
 
-from pacnet.core.durable import written_through
+from pacnet.core.durable import open_synced
 from pacnet.datasets.format.files import Dataset, FileNumber
 from pacnet.datasets.journal.staging import Stage
 
@@ -67,7 +67,7 @@ class FrameFiles:
 
         path = self._stage.add(self._dataset.frames_place(self._number))
         self.paths.append(path)
-        self._file = self._open.enter_context(written_through(path))
+        self._file = self._open.enter_context(open_synced(path))
         self._writer = self._open.enter_context(
             pq.ParquetWriter(self._file, schema, compression="snappy", use_dictionary=False)
         )

@@ -13,7 +13,7 @@ from typing import IO, Self
 
 from numpy.typing import NDArray
 
-from pacnet.core.durable import put_in_place
+from pacnet.core.durable import write_atomically
 from pacnet.datasets.format.errors import DatasetError
 from pacnet.datasets.format.features import Recording
 from pacnet.datasets.format.lerobot_files import INFO
@@ -73,7 +73,7 @@ class Journal:
             columns: Feature name -> its values, [T, D] of the feature's dtype.
         """
         content = episode_bytes(recording, task, columns)
-        put_in_place(self.folder / f"episode-{self._next:06d}.arrow", content)
+        write_atomically(self.folder / f"episode-{self._next:06d}.arrow", content)
         self._next += 1
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple, TypeGuard
 
-from pacnet.core.durable import NEW, flush_folder, put_in_place
+from pacnet.core.durable import NEW, sync_folder, write_atomically
 from pacnet.datasets.format.errors import DatasetError
 from pacnet.datasets.format.lerobot_files import INFO
 from pacnet.datasets.format.places import (
@@ -76,14 +76,14 @@ class Stage:
             folded: Files of the journal whose content is in the staged ones; they are deleted.
         """
         assert self.places[-1] == INFO  # the last to move
-        flush_folder(self._folder)
+        sync_folder(self._folder)
         listed = {
             "places": self.places,
             "info": _digest(self._journal.parent / INFO),
             "new_info": _digest(self._folder / str(len(self.places) - 1)),
             "folded": [path.name for path in folded],
         }
-        put_in_place(self._journal / _LIST, json.dumps(listed).encode())
+        write_atomically(self._journal / _LIST, json.dumps(listed).encode())
         settle(self._journal)
 
 
@@ -105,9 +105,9 @@ def settle(journal: Path) -> None:
         if is_complete(journal):
             for name in listed.folded:
                 (journal / name).unlink(missing_ok=True)
-            flush_folder(journal)
+            sync_folder(journal)
         (journal / _LIST).unlink()
-        flush_folder(journal)
+        sync_folder(journal)
     shutil.rmtree(journal / STAGED, ignore_errors=True)
     for path in journal.glob(f"*{NEW}"):
         path.unlink()
@@ -184,14 +184,14 @@ def _move(journal: Path, places: Sequence[str]) -> None:
     for place, path in staged.items():
         path.replace(root / place)
     for place in last:
-        flush_folder((root / place).parent)
+        sync_folder((root / place).parent)
 
 
 def _flush_folders(root: Path, places: Sequence[str]) -> None:
     """Make durable what was moved, and the folders that were made for it."""
     for folder in sorted({parent for place in places for parent in Path(place).parents}):
         if (root / folder).exists():
-            flush_folder(root / folder)
+            sync_folder(root / folder)
 
 
 def _digest(path: Path) -> str | None:
