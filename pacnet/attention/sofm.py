@@ -26,7 +26,7 @@ from pacnet.attention.records import (
     record,
 )
 from pacnet.attention.state_checks import map_holds
-from pacnet.core.drafts import Lock, adopt, draft_of, frozen, short_turns
+from pacnet.core.drafts import Lock, adopt, draft_of, short_switch_interval, snapshot_of
 from pacnet.core.growable_rows import (
     Column,
     GrowableRows,
@@ -34,8 +34,8 @@ from pacnet.core.growable_rows import (
     check_storage,
     copy_on_state_dict,
 )
-from pacnet.core.integrity import check_forms, check_holds, check_on_load
-from pacnet.core.validation import batch_of_array, check_form, check_rows
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure
+from pacnet.core.validation import as_batch, check_rows
 from pacnet.kernels.engine import Engine, check_engine, check_row, runs_compiled
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class HabituatingSOFM(nn.Module):
         self._learning = Lock()
         self.nodes = GrowableRows(
             {
-                "prototype": Column((config.dimensions,), torch.float32, by_dimension=True),
+                "prototype": Column((config.dimensions,), torch.float32, transposed=True),
                 "habituation": Column((), torch.float32),
                 "habituated_at": Column((), torch.int64),  # [samples], NO_NODE while it responds
             }
@@ -127,8 +127,8 @@ class HabituatingSOFM(nn.Module):
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raises a ValueError unless these tensors, of a `state_dict`, are the state of a map."""
-        check_forms(self, tensors)
-        check_holds(map_holds(self.config.floor_habituation, tensors))
+        check_structure(self, tensors)
+        check_conditions(map_holds(self.config.floor_habituation, tensors))
 
     def forward(self, percepts: Tensor) -> Attention:
         """Reads the map: winner, runner-up, activation and novelty of each percept.
@@ -161,7 +161,7 @@ class HabituatingSOFM(nn.Module):
         if not self.training:
             return ignored(self.read(percepts)).observation
         # Growing inside a caller's inference mode would make buffers nobody can update later.
-        with self._learning, short_turns(), torch.inference_mode(False):
+        with self._learning, short_switch_interval(), torch.inference_mode(False):
             draft = draft_of(self)
             observation = draft.learn(percepts).observation
             adopt(self, draft)
@@ -188,7 +188,7 @@ class HabituatingSOFM(nn.Module):
                 row = check_row("percept", percept, self.config.dimensions)
                 step = compiled.step(self._state(), row)
                 return self._refuse(row) if step is None else step
-        observation = self.observe(batch_of_array(percept))
+        observation = self.observe(as_batch(percept, arrays=True))
         return Step._make(field.item() for field in observation)
 
     def look(self, percept: NDArray[np.float32] | Tensor) -> tuple[Step, NDArray[np.float32]]:
@@ -199,7 +199,7 @@ class HabituatingSOFM(nn.Module):
             seen = compiled.look(self._state(), row)
             return self._refuse(row) if seen is None else seen
         with torch.no_grad():
-            scaled = self.scaled(batch_of_array(percept))
+            scaled = self.scaled(as_batch(percept, arrays=True))
             reading = [field.item() for field in self.read(scaled)]
         step = Step._make((*reading, False, False, True, False, 0))  # it ignores what it reads
         return step, as_array(scaled[0])
@@ -260,11 +260,12 @@ class HabituatingSOFM(nn.Module):
                 large when scaled that their distances would not be.
         """
         self._check_own()
-        rows = check_form("percepts", percepts, self.config.dimensions, self.scale)
+        width = self.config.dimensions
+        rows = check_rows("percepts", percepts, width, self.scale, finite=False)
         scaled = rows if self.config.scale is None else rows * self.scale
         low, high = scaled.detach().aminmax()
         if not -LARGEST_PERCEPT <= float(low) <= float(high) <= LARGEST_PERCEPT:  # NaN is not
-            check_rows("percepts", percepts, self.config.dimensions, self.scale)
+            check_rows("percepts", percepts, width, self.scale)
             wanted, largest = f"±{LARGEST_PERCEPT:g}", max(-float(low), float(high))
             raise ValueError(f"expected scaled percepts within {wanted}, got {largest:g}")
         return scaled
@@ -341,7 +342,10 @@ class HabituatingSOFM(nn.Module):
 
         Searches without gradient, then takes the winning distance with it.
         """
-        nodes, compiled = frozen(self.nodes), self.compiled()  # another thread may replace its rows
+        nodes, compiled = (
+            snapshot_of(self.nodes),
+            self.compiled(),
+        )  # another thread may replace its rows
         prototypes = nodes.live("prototype")
         if compiled is not None and not (torch.is_grad_enabled() and percepts.requires_grad):
             return compiled.read(nodes, percepts)

@@ -18,10 +18,10 @@ from pacnet.competition.explanation import Origin, Rival, origins_of
 from pacnet.competition.recall import CompetingRecall
 from pacnet.competition.recognition import Recognizer
 from pacnet.competition.timeline import Timeline, build_timeline
-from pacnet.core.drafts import adopt, draft_of, frozen
+from pacnet.core.drafts import adopt, draft_of, snapshot_of
 from pacnet.core.growable_rows import as_array
 from pacnet.core.old_names import old_names
-from pacnet.core.validation import batch_of_one, check_number, is_integer, is_number
+from pacnet.core.validation import as_batch, check_index, is_integer, is_number
 from pacnet.schemas.consolidation import consolidate
 from pacnet.schemas.memory import EpisodicMemory
 from pacnet.schemas.records import Samples, Target
@@ -144,10 +144,10 @@ class CompetingSchemas(EpisodicMemory):
             return
         if len(self.episodes) == 0:
             raise ValueError("expected begin before write, no episode was begun")
-        node = check_number("a node", node, len(self))
+        node = check_index("a node", node, len(self))
         if not (is_number(activation) and 0 <= activation <= 1):
             raise ValueError(f"expected an activation from 0 to 1, got {activation!r}")
-        self.check_pair(batch_of_one(target), batch_of_one(cue))
+        self.check_pair(as_batch(target), as_batch(cue))
         sample = Samples(
             node=torch.tensor([node], device=cue.device),
             activation=cue.new_tensor([activation]),
@@ -177,7 +177,7 @@ class CompetingSchemas(EpisodicMemory):
         timeline = self.timeline()
         if timeline is None:
             return None
-        memory = frozen(self)
+        memory = snapshot_of(self)
         memory._recall = None  # else it would keep the last one, and that the one before
         return CompetingRecall(memory, memory.config, timeline)
 
@@ -188,7 +188,7 @@ class CompetingSchemas(EpisodicMemory):
 
     def for_recall(self) -> CompetingSchemas:
         """See `Schemas.for_recall`; a new recall episode begins, for both modules."""
-        schemas = frozen(self)
+        schemas = snapshot_of(self)
         schemas._recall = self._recall = self.new_recall()
         schemas._timeline = self._timeline
         return schemas
@@ -233,7 +233,7 @@ class CompetingSchemas(EpisodicMemory):
         """
         if self._recall is None or not self._recall.belief.has_begun:
             raise ValueError("expected a percept that was recalled, got none since reset")
-        self._check_recall(batch_of_one(percept), node)
+        self._check_recall(as_batch(percept), node)
         return self._recall.rivals(node, as_array(percept))
 
     def origins(self, schema: int, offset: int) -> list[Origin]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pacnet.competition.confidences import SchemaConfidences
 from pacnet.competition.timeline import shown_samples
 from pacnet.core.old_names import old_names
-from pacnet.core.validation import check_number
+from pacnet.core.validation import check_index
 from pacnet.schemas.memory import EpisodicMemory
 
 
@@ -44,9 +44,9 @@ class Rival(NamedTuple):
 def origins_of(memory: EpisodicMemory, schema: int, offset: int) -> list[Origin]:
     """See `CompetingSchemas.origins`."""
     memory.check()
-    schema = check_number("a schema", schema, len(memory.blocks))
+    schema = check_index("a schema", schema, len(memory.blocks))
     length = int(memory.lengths[schema])
-    offset = check_number("an offset", offset, length, 0, f" in schema {schema}")
+    offset = check_index("an offset", offset, length)
     visits, episodes, frames = memory.visits, memory.episodes, memory.frames(schema)
     visit, time, row = shown_samples(memory)
     here = row == memory.blocks.live("start")[schema] + offset

@@ -22,12 +22,19 @@ from torch import Tensor, nn
 
 from pacnet.attention.config import LARGEST_PERCEPT
 from pacnet.competition.competing_schemas import CompetingSchemas
-from pacnet.core.drafts import adopt, draft_of, frozen
+from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
+from pacnet.core.drafts import adopt, draft_of, snapshot_of
 from pacnet.core.growable_rows import as_array, check_storage, copy_on_state_dict
-from pacnet.core.integrity import check_forms, check_holds, check_model, check_on_load, part_of
+from pacnet.core.integrity import (
+    check_conditions,
+    check_model,
+    check_on_load,
+    check_structure,
+    part_of,
+)
 from pacnet.core.interrupts import defer_sigint
-from pacnet.core.model_checkpoint import check_finite, read_model, save_tensors
-from pacnet.core.validation import check_number
+from pacnet.core.old_names import rename_on_load
+from pacnet.core.validation import check_index
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.auto_config import choose_settings
@@ -38,7 +45,7 @@ from pacnet.network.checks import FORWARD_MODEL, check_dimensions
 from pacnet.network.network import PACNet
 from pacnet.network.records import Decision
 from pacnet.network.snapshot import Snapshot
-from pacnet.schemas.sequences import compact
+from pacnet.schemas.sequences import OLD_TENSORS, compact
 from pacnet.schemas.targets import targets_ahead
 
 
@@ -142,6 +149,7 @@ class Imitator(nn.Module):
         self.register_buffer("first_action", torch.zeros(len(config.action)))
         self._known: _Known | None = None
         copy_on_state_dict(self)
+        rename_on_load(self, OLD_TENSORS)
         check_on_load(self)
 
     @classmethod
@@ -284,7 +292,8 @@ class Imitator(nn.Module):
         with self.network.changing:
             tensors, lessons = self.state_dict(), [lesson._asdict() for lesson in self.lessons]
         self.check_state(tensors)
-        save_tensors(self, {**asdict(self.config), "lessons": lessons}, tensors, folder)
+        fields = {**asdict(self.config), "lessons": lessons}
+        save_checkpoint(folder, "Imitator", fields, tensors)
 
     @classmethod
     def from_pretrained(cls, folder: str | Path, engine: Engine = "auto") -> Imitator:
@@ -295,11 +304,10 @@ class Imitator(nn.Module):
             ValueError: a damaged file, an unknown version, the checkpoint of something else, or a
                 missing, extra or misshapen tensor.
         """
-        fields, tensors = read_model(folder, "Imitator")
+        fields, tensors = load_checkpoint(folder, "Imitator")
         lessons = _lessons(fields.pop("lessons", None))
         config = ImitatorConfig.from_dict(fields)
         try:
-            check_finite(tensors)
             check_dimensions(config.network, tensors, "network.")  # before memory is taken for them
             if config.forward_model is not None:
                 model = part_of(tensors, "network." + FORWARD_MODEL)
@@ -331,11 +339,8 @@ class Imitator(nn.Module):
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raises a ValueError unless these tensors, of a `state_dict`, are the state of one."""
-        models = "network." + FORWARD_MODEL
-        check_forms(self, {name: t for name, t in tensors.items() if not name.startswith(models)})
-        self.network.check_state(part_of(tensors, "network."))
-        self.familiarity.check_state(part_of(tensors, "familiarity."))
-        check_holds({"a finite first action": tensors["first_action"].isfinite().all()})
+        check_structure(self, tensors)
+        check_conditions({"a finite first action": tensors["first_action"].isfinite().all()})
 
     def _check_lessons(self) -> None:
         """Refuses learning episodes of the network that no lesson tells about."""
@@ -361,7 +366,7 @@ class Imitator(nn.Module):
         recall = schemas.recall_in_progress
         cues = schemas.arrays("cue") if recall is None else recall.cues
         scale = as_array(network.sofm.scale)
-        return _Known(network, frozen(self.familiarity), cues, scale)
+        return _Known(network, snapshot_of(self.familiarity), cues, scale)
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy looks up itself what it acts on."""
@@ -487,7 +492,7 @@ def _lessons(told: object) -> list[EpisodeReport]:
 def _check_one(shown: Demonstration) -> None:
     """Refuses a demonstration that is empty, not finite, of unequal lengths, or of other types."""
     where = f"in episode {shown.episode}"
-    check_number("an episode", shown.episode, 2**63)
+    check_index("an episode", shown.episode, 2**63)
     if not isinstance(shown.task, str):
         raise ValueError(f"expected a task in words {where}, got {shown.task!r}")
     rows = {"state": shown.state, "environment_state": shown.environment_state}

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from pacnet.attention.sofm import HabituatingSOFM
 from pacnet.core.growable_rows import check_storage
-from pacnet.core.integrity import check_forms, check_holds, part_of
+from pacnet.core.integrity import check_conditions, check_structure, part_of
 from pacnet.core.validation import check_bounded, check_rows
 from pacnet.network.config import PACNetConfig
 from pacnet.schemas.interface import NO_EPISODE, Schemas
@@ -78,15 +78,13 @@ def check_dimensions(config: PACNetConfig, tensors: Mapping[str, Tensor], prefix
 
 def check_state(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
     """See `PACNet.check_state`."""
-    own = {name: t for name, t in tensors.items() if not name.startswith(FORWARD_MODEL)}
-    check_forms(network, own)
-    sofm, schemas = network.get_submodule("sofm"), network.get_submodule("schemas")
-    assert isinstance(sofm, HabituatingSOFM)
+    check_structure(network, tensors)
+    schemas = network.get_submodule("schemas")
     assert isinstance(schemas, Schemas)
-    sofm.check_state(part_of(own, "sofm."))
-    of_schemas = part_of(own, "schemas.")
-    schemas.check_state(of_schemas)
-    nodes, (kept, last) = len(own["sofm.nodes.prototype"]), schemas.extent(of_schemas)
+    kept, last = schemas.extent(part_of(tensors, "schemas."))
+    nodes = len(tensors["sofm.nodes.prototype"])
     if nodes != kept:
         raise ValueError(f"expected motor schemas for each node, got {kept} for {nodes} nodes")
-    check_holds({"an episode ≥ −1, the last of all": own["episode"] >= max(NO_EPISODE, last)})
+    check_conditions(
+        {"an episode ≥ −1, the last of all": tensors["episode"] >= max(NO_EPISODE, last)}
+    )

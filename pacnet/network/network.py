@@ -22,13 +22,13 @@ from pacnet.attention.sofm import HabituatingSOFM
 from pacnet.competition.competing_schemas import CompetingSchemas
 from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.competition.recognition import Recognition
-from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
-from pacnet.core.drafts import Lock, adopt, draft_of, short_turns
+from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
+from pacnet.core.drafts import Lock, adopt, draft_of, short_switch_interval
 from pacnet.core.growable_rows import as_array, check_storage, copy_on_state_dict
 from pacnet.core.integrity import check_model, check_on_load, part_of
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import rename_on_load
-from pacnet.core.validation import batch_of_array
+from pacnet.core.validation import as_batch
 from pacnet.forward_models.protocol import ForwardModel, OneStateForwardModel
 from pacnet.kernels.engine import Engine
 from pacnet.network.checks import (
@@ -178,7 +178,7 @@ class PACNet(nn.Module):
     def learning(self) -> Iterator[PACNet]:
         """Give a draft of this network to learn on, for `adopt`; other learners wait."""
         # Growing inside a caller's inference mode would make buffers that cannot be updated later.
-        with self.no_learning(), short_turns(), torch.inference_mode(False):
+        with self.no_learning(), short_switch_interval(), torch.inference_mode(False):
             with self.changing:  # a reader may be compacting the schemas
                 draft = copy.copy(self)  # which shares the forward model
                 parts = {"sofm": draft_of(self.sofm), "schemas": draft_of(self.schemas)}
@@ -363,9 +363,9 @@ class PACNet(nn.Module):
         if single and hasattr(model, "command_one"):  # isinstance takes 20 µs
             return cast(OneStateForwardModel, model).command_one(state, target)
         # Copies, so that the caller may change its arrays.
-        states = check_states(batch_of_array(state), self.sofm.scale[None])
+        states = check_states(as_batch(state, arrays=True), self.sofm.scale[None])
         with torch.no_grad():
-            action, given = model.command(states, batch_of_array(target).to(states))
+            action, given = model.command(states, as_batch(target, arrays=True).to(states))
         return action[0].numpy(force=True).copy() if bool(given) else None
 
     @torch.no_grad()
@@ -425,7 +425,7 @@ class PACNet(nn.Module):
         tensors = self.state_dict()
         own = {name: t for name, t in tensors.items() if not name.startswith(FORWARD_MODEL)}
         self.check_state(own)
-        write_checkpoint(folder, asdict(self.config), own)
+        save_checkpoint(folder, "PACNet", asdict(self.config), own)
 
     @classmethod
     def from_pretrained(
@@ -443,9 +443,10 @@ class PACNet(nn.Module):
 
         Raises:
             FileNotFoundError: no checkpoint there.
-            ValueError: a damaged file, an unknown version, or a missing, extra or misshapen tensor.
+            ValueError: a damaged file, an unknown version, the checkpoint of another class, or a
+                missing, extra or misshapen tensor.
         """
-        fields, tensors = read_checkpoint(folder)
+        fields, tensors = load_checkpoint(folder, "PACNet")
         config = PACNetConfig.from_dict(fields)
         try:
             check_dimensions(config, tensors, "")  # before memory is taken for them

@@ -11,7 +11,7 @@ from typing import Any
 from pacnet.attention.sofm import HabituatingSOFM
 from pacnet.competition.competing_schemas import CompetingSchemas
 from pacnet.competition.recognition import Recognizer
-from pacnet.core.drafts import Tensors, frozen
+from pacnet.core.drafts import BufferVersions, snapshot_of
 from pacnet.schemas.interface import Schemas
 from pacnet.schemas.sequences import compact
 
@@ -46,20 +46,22 @@ class Snapshot:
         check_nodes(sofm, schemas)
         schemas.check()
         compact(schemas)
-        self.sofm, self.schemas = frozen(sofm), schemas.for_recall()
+        self.sofm, self.schemas = snapshot_of(sofm), schemas.for_recall()
         self._recognizer: Recognizer | None = None
         self.track(sofm, schemas)
 
     def track(self, sofm: HabituatingSOFM, schemas: Schemas) -> None:
         """Make `is_of` compare with these modules, which have the same tensors."""
         # Of the map's tensors, those that recall reads.
-        self._tensors = Tensors(schemas, of=[(sofm.nodes, "prototype"), (sofm, "scale")])
+        self._versions = BufferVersions(
+            schemas, single=[(sofm.nodes, "prototype"), (sofm, "scale")]
+        )
         self._configs = sofm.config, schemas.config
 
     def is_of(self, sofm: Any, schemas: Any) -> bool:
         """Return whether these are as they were."""
         same = sofm.config is self._configs[0] and schemas.config is self._configs[1]
-        return same and self._tensors.are_current()
+        return same and self._versions.unchanged()
 
     def recognizer(self) -> Recognizer:
         """Return the recognizer of this episode.

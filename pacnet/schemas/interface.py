@@ -13,7 +13,7 @@ from torch import Tensor
 
 from pacnet.attention.records import NO_NODE
 from pacnet.core.growable_rows import as_array
-from pacnet.core.validation import batch_of_one, check_bounded, check_number
+from pacnet.core.validation import as_batch, check_bounded, check_index
 from pacnet.schemas.records import Samples, Target
 from pacnet.schemas.sequences import Sequences
 
@@ -84,7 +84,7 @@ class Schemas(Sequences, ABC):
             ValueError: no such node, or a percept of the wrong shape, dtype or device, or not
                 finite.
         """
-        self._check_recall(batch_of_one(percept), node)
+        self._check_recall(as_batch(percept), node)
         recalled = self.recall_one(node, as_array(percept))
         if recalled is None:
             return None
@@ -133,4 +133,4 @@ class Schemas(Sequences, ABC):
         cues = self.pool.live("cue")
         check_bounded("percepts", percepts, cues.shape[1], cues)
         for node in nodes:
-            check_number("a node", node, len(self), NO_NODE, f", {NO_NODE} for none")
+            check_index("a node", node, len(self), optional=True)

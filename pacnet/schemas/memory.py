@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 
 from pacnet.core.growable_rows import Column, GrowableRows, check_storage, copy_on_state_dict
-from pacnet.core.integrity import check_forms, check_holds, check_on_load
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure
 from pacnet.core.validation import (
-    LONGEST,
+    MAX_SAMPLES,
     check_fields,
-    check_number,
-    check_numbers,
+    check_index,
+    check_indices,
     is_integer,
     is_number,
 )
@@ -61,8 +61,8 @@ class EpisodicMemoryConfig:
             "in (0, 1)",
         )
         checks["lookahead_samples"] = (
-            is_integer(after, 1) and after <= LONGEST,
-            f"from 1 to {LONGEST} samples",
+            is_integer(after, 1) and after <= MAX_SAMPLES,
+            f"from 1 to {MAX_SAMPLES} samples",
         )
         checks["max_quality_drop"] = (is_number(drop) and 0 <= drop < 1, "in [0, 1)")
         check_fields(self, checks)
@@ -136,10 +136,12 @@ class EpisodicMemory(Schemas):
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are a valid state."""
-        check_forms(self, tensors)
-        check_holds({"a number of nodes ≥ 0": tensors["nodes"] >= 0, **sequences_hold(tensors)})
-        check_holds(references_hold(len(_names(tensors["_extra_state"])), tensors))
-        check_holds(episodes_hold(tensors))
+        check_structure(self, tensors)
+        check_conditions(
+            {"a number of nodes ≥ 0": tensors["nodes"] >= 0, **sequences_hold(tensors)}
+        )
+        check_conditions(references_hold(len(_names(tensors["_extra_state"])), tensors))
+        check_conditions(episodes_hold(tensors))
 
     @staticmethod
     def extent(tensors: Mapping[str, Tensor]) -> tuple[int, int]:
@@ -156,7 +158,7 @@ class EpisodicMemory(Schemas):
         super().check()
         if self.nodes.shape != () or self.nodes.dtype != torch.int64:
             raise ValueError(f"expected a number of nodes, got {self.nodes}")
-        check_holds(references_hold(len(self.behaviours), dict(self.named_buffers())))
+        check_conditions(references_hold(len(self.behaviours), dict(self.named_buffers())))
 
     def schemas_of(self, node: int) -> Tensor:
         """Return the ids of the node's schemas, int64 `[K]`.
@@ -164,7 +166,7 @@ class EpisodicMemory(Schemas):
         Raises:
             ValueError: no such node.
         """
-        node = check_number("a node", node, len(self))
+        node = check_index("a node", node, len(self))
         return (self.blocks.live("node") == node).nonzero().flatten()
 
     def frames(self, schema: int) -> Tensor:
@@ -178,7 +180,7 @@ class EpisodicMemory(Schemas):
 
     def delete(self, nodes: Tensor) -> None:
         """See `Schemas.delete`."""
-        check_numbers("nodes", nodes, len(self))
+        check_indices("nodes", nodes, len(self))
         self.check()
         of_node = self.blocks.live("node")
         self.drop(torch.isin(of_node, nodes).nonzero().flatten())
@@ -192,7 +194,7 @@ class EpisodicMemory(Schemas):
         Raises:
             ValueError: not ascending, or no such schemas.
         """
-        check_numbers("schemas", schemas, len(self.blocks))
+        check_indices("schemas", schemas, len(self.blocks))
         visited = self.visits.live("schema")
         self.visits.delete(torch.isin(visited, schemas).nonzero().flatten())
         self.blocks.delete(schemas)

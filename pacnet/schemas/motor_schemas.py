@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.attention.records import NO_NODE
-from pacnet.core.drafts import Tensors, frozen
+from pacnet.core.drafts import BufferVersions, snapshot_of
 from pacnet.core.growable_rows import as_array
-from pacnet.core.integrity import check_forms, check_holds, check_on_load
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure
 from pacnet.core.validation import (
-    batch_of_one,
+    as_batch,
     check_fields,
-    check_number,
-    check_numbers,
+    check_index,
+    check_indices,
     is_integer,
 )
 from pacnet.schemas.interface import NO_EPISODE, Schemas
@@ -75,7 +75,7 @@ class MotorSchemas(Schemas):
         super().__init__(config.target_dimensions, config.percept_dimensions, {"episode": INTEGER})
         self.config = config
         self.behaviours = []
-        self._cache: tuple[Tensors, tuple[NDArray[Any], ...], Any] | None = None
+        self._cache: tuple[BufferVersions, tuple[NDArray[Any], ...], Any] | None = None
         self._offsets: dict[int, int] = {}  # of nodes that have won in this recall episode
         self.register_load_state_dict_post_hook(_restart_recall)
         check_on_load(self)
@@ -86,9 +86,9 @@ class MotorSchemas(Schemas):
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are a valid state."""
-        check_forms(self, tensors)
-        check_holds(sequences_hold(tensors))
-        check_holds({"episodes ≥ −1": (tensors["blocks.episode"] >= NO_EPISODE).all()})
+        check_structure(self, tensors)
+        check_conditions(sequences_hold(tensors))
+        check_conditions({"episodes ≥ −1": (tensors["blocks.episode"] >= NO_EPISODE).all()})
 
     @staticmethod
     def extent(tensors: Mapping[str, Tensor]) -> tuple[int, int]:
@@ -106,7 +106,7 @@ class MotorSchemas(Schemas):
 
     def delete(self, nodes: Tensor) -> None:
         """See `Schemas.delete`; a recall episode in progress starts again."""
-        check_numbers("nodes", nodes, len(self))
+        check_indices("nodes", nodes, len(self))
         self.blocks.check()
         self.blocks.delete(nodes)
         self._offsets = {}
@@ -131,9 +131,9 @@ class MotorSchemas(Schemas):
             ValueError: no such node or episode, or a target or cue of the wrong shape, dtype or
                 device, not finite or too large; nothing has been written then.
         """
-        node = check_number("a node", node, len(self))
-        episode = check_number("an episode", episode, 2**63)
-        self.check_pair(batch_of_one(target), batch_of_one(cue))
+        node = check_index("a node", node, len(self))
+        episode = check_index("an episode", episode, 2**63)
+        self.check_pair(as_batch(target), as_batch(cue))
         if self.training and habituated:
             nodes, counts = self.lengths.new_tensor([[node], [1]])
             self._write(nodes, counts, target[None], cue[None], episode)
@@ -187,10 +187,10 @@ class MotorSchemas(Schemas):
 
     def for_recall(self) -> MotorSchemas:
         """See `Schemas.for_recall`."""
-        schemas = frozen(self)
+        schemas = snapshot_of(self)
         if schemas.config.recall_by == "cue":
             # Its tensors do not change, so the cache need not be compared with them.
-            schemas._cache = Tensors(), *schemas._kernel_arguments()
+            schemas._cache = BufferVersions(), *schemas._kernel_arguments()
         return schemas
 
     def _recall_by_order(self, node: int) -> Target | None:
@@ -203,13 +203,13 @@ class MotorSchemas(Schemas):
 
     def _kernel_arguments(self) -> tuple[tuple[NDArray[Any], ...], Any]:
         """Return starts, lengths, cues and targets as arrays, and the kernel."""
-        if self._cache is None or not self._cache[0].are_current():
+        if self._cache is None or not self._cache[0].unchanged():
             from pacnet.schemas import kernels  # imports numba
 
             self.blocks.check()
             own = (self.blocks.live(name).numpy(force=True) for name in ("start", "length"))
             arrays = *own, np.ascontiguousarray(self.arrays("cue").T), self.arrays("target")
-            self._cache = Tensors(self.pool, self.blocks), arrays, kernels.recall
+            self._cache = BufferVersions(self.pool, self.blocks), arrays, kernels.recall
         return self._cache[1], self._cache[2]
 
     def __getstate__(self) -> dict[str, Any]:

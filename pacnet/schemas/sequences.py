@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from pacnet.core.growable_rows import Column, GrowableRows, as_array
 from pacnet.core.old_names import rename_on_load
-from pacnet.core.validation import check_bounded, check_number
+from pacnet.core.validation import check_bounded, check_index
 
 INTEGER = Column((), torch.int64)
 OLD_TENSORS = {"passes": "visits", "room": "capacity"}
@@ -110,7 +110,7 @@ class Sequences(nn.Module):
             check_bounded(f"{name}s", rows, stored.shape[1], stored)
 
     def _rows(self, column: str, sequence: int) -> Tensor:
-        sequence = check_number("a schema", sequence, len(self.blocks))
+        sequence = check_index("a schema", sequence, len(self.blocks))
         start, length = int(self.blocks.live("start")[sequence]), int(self.lengths[sequence])
         rows = self.pool.live(column)
         if not 0 <= start <= start + length <= len(rows):

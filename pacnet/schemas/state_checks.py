@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from pacnet.core.integrity import Checks, Tensors, distant, part_of, within
+from pacnet.core.integrity import Checks, Tensors, are_bounded, part_of, within
 
 OPEN = 0
 """Support of a schema whose episode is not over."""
@@ -18,8 +18,8 @@ def sequences_hold(tensors: Tensors) -> Checks:
     target = tensors["pool.target"]
     within_pool = (lengths >= 0) & (lengths <= len(target))
     return {
-        "finite targets, not too large": distant(target),
-        "finite cues, not too large": distant(tensors["pool.cue"]),
+        "finite targets, not too large": are_bounded(target),
+        "finite cues, not too large": are_bounded(tensors["pool.cue"]),
         "lengths of sequences ≥ 0": within_pool.all(),
         "sequences laid end to end": torch.equal(starts, lengths.cumsum(0) - lengths),
         "blocks as long as their sequences": torch.equal(tensors["blocks.capacity"], lengths),
@@ -69,7 +69,7 @@ def episodes_hold(tensors: Tensors) -> Checks:
         "a visit for each support of a schema": torch.equal(
             visited, blocks["support"].clamp(min=1)
         ),
-        "finite last cues, not too large": distant(tensors["episodes.last_cue"]),
+        "finite last cues, not too large": are_bounded(tensors["episodes.last_cue"]),
         "ascending numbers of episodes, from 0 on": (number[1:] > number[:-1]).all()
         and (number >= 0).all(),
         "episodes of so many samples": within(samples, _MOST_SAMPLES),
