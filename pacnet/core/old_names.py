@@ -19,7 +19,7 @@ def warn_renamed(old: str, new: str, stacklevel: int = 3) -> None:
 
 
 def old_names(**new_by_old: str) -> Callable[[_Class], _Class]:
-    """Give a class the old names of its attributes, and a dataclass those of its fields.
+    """Give a class the old names of its attributes, a dataclass or NamedTuple those of its fields.
 
     Apply it above `@dataclass`.
 
@@ -33,6 +33,8 @@ def old_names(**new_by_old: str) -> Callable[[_Class], _Class]:
         if hasattr(cls, "__dataclass_fields__"):
             setattr(cls, _FIELDS, new_by_old)
             cls.__init__ = _with_old_fields(cls.__init__, new_by_old)
+        elif hasattr(cls, "_fields"):  # a NamedTuple
+            cls.__new__ = _with_old_fields(cls.__new__, new_by_old)
         return cls
 
     return decorate
@@ -46,14 +48,14 @@ def _alias(old: str, new: str) -> property:
     return property(get, doc=f"Old name of `{new}`.")
 
 
-def _with_old_fields(init: Callable[..., None], new_by_old: Mapping[str, str]) -> Any:
+def _with_old_fields(init: Callable[..., Any], new_by_old: Mapping[str, str]) -> Any:
     @functools.wraps(init)
-    def take_old(self: Any, *args: Any, **kwargs: Any) -> None:
+    def take_old(self: Any, *args: Any, **kwargs: Any) -> Any:
         for old in new_by_old.keys() & kwargs.keys():
             warn_renamed(old, new_by_old[old])
             # The old name takes precedence: `dataclasses.replace` gives both.
             kwargs[new_by_old[old]] = kwargs.pop(old)
-        init(self, *args, **kwargs)
+        return init(self, *args, **kwargs)
 
     return take_old
 

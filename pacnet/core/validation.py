@@ -61,6 +61,13 @@ def check_bounded(name: str, value: object, columns: int, like: Tensor) -> Tenso
     return value
 
 
+def check_same_length(**rows: Tensor) -> None:
+    """Raise a ValueError unless the named tensors have equally many rows."""
+    counts = {name: len(value) for name, value in rows.items()}
+    if len(set(counts.values())) > 1:
+        raise ValueError(f"expected equally many rows, got {counts}")
+
+
 def check_index(name: str, value: object, count: int, *, optional: bool = False) -> int:
     """Check the index of one of several things, any kind of integer, and return it as an int.
 

@@ -1,8 +1,9 @@
-"""What turns a target into an action."""
+"""Forward models: from a target state to an action."""
 
+from pacnet.forward_models.candidates import Selection
 from pacnet.forward_models.mlp import MLPForwardModel, MLPForwardModelConfig
 from pacnet.forward_models.pid import PIDConfig, PIDController
-from pacnet.forward_models.protocol import Command, ForwardModel, OneStateForwardModel, Selection
+from pacnet.forward_models.protocol import Command, ForwardModel, OneStateForwardModel
 from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""The choice among candidate actions by where a learned model predicts that each of them leads."""
+"""The choice among candidate actions by the states that a learned model predicts for them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -16,22 +16,44 @@ from torch import Tensor, nn
 from pacnet.core.checkpoint import load_checkpoint, rebuild_config, save_checkpoint
 from pacnet.core.drafts import Lock
 from pacnet.core.integrity import check_finite, check_names, check_tensors, part_of
-from pacnet.core.validation import as_batch, check_fields, check_rows, is_integer, is_number
-from pacnet.forward_models.protocol import Command, Selection
+from pacnet.core.validation import (
+    as_batch,
+    check_fields,
+    check_rows,
+    check_same_length,
+    is_integer,
+    is_number,
+)
+from pacnet.forward_models.protocol import Command
+
+
+class Selection(NamedTuple):
+    """The choice among K candidate actions in one state."""
+
+    action: Tensor
+    """The candidate whose predicted state is nearest to the target, `[U]`; also if abstained."""
+    index: int  # pyright: ignore[reportIncompatibleMethodOverride]
+    """Index of that candidate."""
+    costs: Tensor
+    """Distance of each predicted state from the target, `[K]`; infinite without a prediction."""
+    spread: float
+    """Root mean square distance of the predicted states from their mean."""
+    abstained: bool
+    """Whether the predicted states are too close together to choose, so no action is given."""
 
 
 class CandidateModel(nn.Module):
-    """Chooses among candidate actions by where each is predicted to lead.
+    """Base of the models that choose among candidate actions by their predicted states.
 
-    A model of this kind says where that is (`outcomes`), how it is made again from its config, and
-    which values its tensors cannot have.
+    A subclass names its config and the tensor whose dtype is the model's, and defines `outcomes`
+    and `check_values`.
 
     Args:
-        config: its settings.
+        config: settings, checked by `check_candidate_config`.
     """
 
     config_type: ClassVar[type]
-    float_tensor: ClassVar[str]  # name of the tensor whose dtype is the model's
+    float_tensor: ClassVar[str]
 
     config: Any
     candidates: Tensor  # [K, U]
@@ -40,7 +62,7 @@ class CandidateModel(nn.Module):
         super().__init__()
         self.config = config
         self.register_buffer("candidates", torch.tensor(config.candidates), persistent=False)
-        self._lock = Lock()  # held by who reads what was learned, and by who replaces it
+        self._lock = Lock()  # held while what was learned is read, and while it is replaced
         self.register_load_state_dict_pre_hook(_check_loaded)
 
     @property
@@ -48,105 +70,88 @@ class CandidateModel(nn.Module):
         """Length U of an action."""
         return self.config.action_dimensions
 
-    def check_loaded(self, tensors: Mapping[str, Any]) -> None:
-        """Checks what is to be loaded of its `state_dict`, before anything is copied.
-
-        Raises:
-            ValueError: a tensor of another shape or kind, not finite, or that means nothing.
-        """
-        own = self.state_dict()
-        given = {name: tensors[name] for name in own if name in tensors}
-        for name, tensor in given.items():
-            wanted = own[name]
-            fits = isinstance(tensor, Tensor) and tensor.shape == wanted.shape
-            floats = fits and tensor.is_floating_point() and wanted.is_floating_point()
-            if not fits or not (floats or tensor.dtype == wanted.dtype):
-                got = (
-                    f"{tensor.dtype} {list(tensor.shape)}" if isinstance(tensor, Tensor) else tensor
-                )
-                raise ValueError(
-                    f"expected {name} of {type(self).__name__} as {wanted.dtype} "
-                    f"{list(wanted.shape)}, got {got}"
-                )
-        check_finite(given)
-        self.check_learned(own | given)
-
     @abstractmethod
     def outcomes(self, states: Tensor, candidates: Tensor) -> Tensor:
-        """Where each candidate `[K, U]` leads from each state `[B, S]`, both checked already.
+        """Predict the state after each candidate `[K, U]` from each state `[B, S]`, both valid.
 
         Returns:
-            Predicted states, `[B, K, S]`; NaN where the model cannot predict.
+            `[B, K, S]`; NaN where the model cannot predict.
         """
 
     @abstractmethod
-    def check_learned(self, tensors: Mapping[str, Tensor]) -> None:
-        """Raises a ValueError if tensors of a `state_dict`, of the right form, mean nothing."""
+    def check_values(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError if the values in a `state_dict` of the right form are invalid."""
 
     @torch.no_grad()
     def select(self, state: Tensor, target: Tensor, candidates: Tensor | None = None) -> Selection:
-        """Chooses the candidate whose predicted state is nearest (Euclidean) to the target.
+        """Choose the candidate whose predicted state is nearest (Euclidean) to the target.
 
-        Of exactly equal ones the first; what cannot be predicted costs infinity. It abstains where
-        the spread of the predicted states is under `config.abstain_below`, or fewer than two are
-        known.
+        Ties go to the lowest index. The model abstains if the spread of the predicted states is
+        less than `config.abstain_below`, or if it can predict fewer than two of them.
 
         Args:
             state: `[S]`.
             target: `[S]`.
-            candidates: `[K, U]`; the config's if left out.
+            candidates: `[K, U]`; default: the config's.
 
         Raises:
             ValueError: a tensor of the wrong shape, dtype or device, or not finite.
         """
         offered = self.candidates if candidates is None else candidates
         states, targets = as_batch(state), as_batch(target)
-        self._check_choice(states, offered, target=targets)
+        self._check(states=states, target=targets)
+        check_rows("candidates", offered, self.action_dimensions, self.candidates)
         ((best, costs, spread, abstained),) = self._choose(states, targets, offered)
         index, costs = max(best, 0), torch.from_numpy(costs).to(targets)
         return Selection(offered[index].clone(), index, costs, spread, abstained)
 
     @torch.no_grad()
     def command(self, states: Tensor, targets: Tensor) -> Command:
-        """`select` among the config's candidates for each state `[B, S]` and target `[B, S]`.
+        """Select one of the config's candidates for each state `[B, S]` and target `[B, S]`.
 
         Raises:
             ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite;
                 unequal numbers of rows.
         """
-        self._check_choice(states, self.candidates, targets=targets)
-        check_equally_many(states=states, targets=targets)
+        self._check(states=states, targets=targets)
+        check_rows("candidates", self.candidates, self.action_dimensions, self.candidates)
         best, _, _, abstained = zip(*self._choose(states, targets, self.candidates), strict=True)
-        given = ~torch.tensor(abstained, device=targets.device)
+        has_action = ~torch.tensor(abstained, device=targets.device)
         chosen = self.candidates[torch.tensor(best, device=targets.device).clamp(min=0)]
-        return Command(chosen.where(given[:, None], torch.nan), given)
-
-    def _check_choice(self, states: Tensor, candidates: Tensor, **targets: Tensor) -> None:
-        columns = self.config.state_dimensions
-        for name, rows in (*targets.items(), ("states", states)):
-            check_rows(name, rows, columns, self.candidates)
-        check_rows("candidates", candidates, self.config.action_dimensions, self.candidates)
-
-    def _choose(self, states: Tensor, targets: Tensor, candidates: Tensor) -> list[Any]:
-        """What `pacnet.forward_models.kernels.choose` says in each state."""
-        with self._lock:
-            after = self.outcomes(states, candidates)
-        # Contiguous, for a kernel is compiled anew for every other layout.
-        plain = (rows.double().contiguous().numpy(force=True) for rows in (after, targets))
-        threshold = float(self.config.abstain_below)
-        return [kernels().choose(*pair, threshold) for pair in zip(*plain, strict=True)]
+        return Command(chosen.where(has_action[:, None], torch.nan), has_action)
 
     def reset(self) -> None:
-        """Does nothing: no episode leaves a trace."""
+        """Do nothing: the model keeps no state during an episode."""
+
+    def check_loaded(self, tensors: Mapping[str, Any]) -> None:
+        """Check tensors that are to be loaded, all of its `state_dict` or some.
+
+        Raises:
+            ValueError: a tensor of another shape or kind, not finite, or with invalid values.
+        """
+        own = self.state_dict()
+        loaded = {name: tensors[name] for name in own if name in tensors}
+        for name, tensor in loaded.items():
+            wanted = own[name]
+            fits = isinstance(tensor, Tensor) and tensor.shape == wanted.shape
+            floats = fits and tensor.is_floating_point() and wanted.is_floating_point()
+            if not fits or not (floats or tensor.dtype == wanted.dtype):
+                is_tensor = isinstance(tensor, Tensor)
+                got = f"{tensor.dtype} {list(tensor.shape)}" if is_tensor else tensor
+                raise ValueError(
+                    f"expected {name} of {type(self).__name__} as {wanted.dtype} "
+                    f"{list(wanted.shape)}, got {got}"
+                )
+        check_finite(loaded)
+        self.check_values(own | loaded)
 
     def load_state_dict(
         self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
     ) -> Any:
-        """Loads all of it or, where anything is wrong with it, nothing; as `nn.Module` otherwise.
+        """Load tensors as `nn.Module` does, or none of them if one is refused.
 
         Raises:
-            ValueError: a missing or extra tensor if `strict`; a misshapen one, of another dtype,
-                not finite, or that means nothing.
+            ValueError: as `check_loaded`; a missing or extra tensor if `strict`.
         """
         if strict:
             check_names(type(self).__name__, self.state_dict(), state_dict)
@@ -154,10 +159,12 @@ class CandidateModel(nn.Module):
             return super().load_state_dict(state_dict, strict, assign)
 
     def save_pretrained(self, folder: str | Path) -> None:
-        """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
+        """Write `config.json` and `model.safetensors`.
+
+        The write is atomic: after a crash the old or the new checkpoint is intact.
 
         Args:
-            folder: made if it is missing; a checkpoint in it is replaced, other files stay.
+            folder: created if missing; a checkpoint in it is replaced, other files stay.
 
         Raises:
             ValueError: a tensor is not finite; nothing has been written.
@@ -165,22 +172,8 @@ class CandidateModel(nn.Module):
         save_checkpoint(folder, type(self).__name__, asdict(self.config), self.state_dict())
 
     @classmethod
-    def check_sizes(cls, config: Any, tensors: Mapping[str, Tensor]) -> None:
-        """Compares what a config declares with the tensors, before memory is taken for it.
-
-        Raises:
-            ValueError: they do not fit.
-        """
-        try:
-            with torch.device("meta"):  # where nothing takes memory, however large
-                sizes = cls(config)
-        except (RuntimeError, TypeError) as error:  # a size that no integer of 64 bits holds
-            raise ValueError("expected sizes that fit into memory") from error
-        check_tensors(sizes, tensors, like=cls.float_tensor)
-
-    @classmethod
     def from_pretrained(cls, folder: str | Path) -> Self:
-        """Loads what `save_pretrained` wrote, on the CPU.
+        """Load what `save_pretrained` wrote, on the CPU.
 
         Raises:
             FileNotFoundError: no checkpoint there.
@@ -194,57 +187,73 @@ class CandidateModel(nn.Module):
         model.load_state_dict(tensors)
         return model
 
+    @classmethod
+    def check_sizes(cls, config: Any, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError if tensors do not fit a config, before memory is taken for it."""
+        try:
+            with torch.device("meta"):  # takes no memory, however large the sizes
+                model = cls(config)
+        except (RuntimeError, TypeError) as error:  # a size that does not fit into 64 bits
+            raise ValueError("expected sizes that fit into memory") from error
+        check_tensors(model, dict(tensors), like=cls.float_tensor)
+
+    def _check(self, **rows: Tensor) -> None:
+        """Check states and targets `[B, S]` and actions `[B, U]`, equally many."""
+        for name, value in rows.items():
+            is_action = name == "actions"
+            columns = self.action_dimensions if is_action else self.config.state_dimensions
+            check_rows(name, value, columns, self.candidates)
+        check_same_length(**rows)
+
+    def _choose(self, states: Tensor, targets: Tensor, candidates: Tensor) -> list[Any]:
+        """Return what `kernels.choose` returns for each state."""
+        with self._lock:
+            after = self.outcomes(states, candidates)
+        # Contiguous, because numba compiles a kernel again for every other layout.
+        arrays = (rows.double().contiguous().numpy(force=True) for rows in (after, targets))
+        threshold = float(self.config.abstain_below)
+        return [kernels().choose(*pair, threshold) for pair in zip(*arrays, strict=True)]
+
 
 @functools.cache
 def kernels() -> ModuleType:
-    """The compiled kernels, imported where they first run, for they bring numba."""
+    """Import the compiled kernels where they first run, because numba is slow to import."""
     from pacnet.forward_models import kernels as candidate_kernels
 
     return candidate_kernels
 
 
 def check_candidate_config(config: Any) -> None:
-    """Turns the candidates into tuples (JSON reads lists) and checks the fields all models share.
+    """Validate the fields that all models share; turn the candidates into tuples (JSON has lists).
 
     Raises:
-        ValueError: naming the first field that is out of range.
+        ValueError: naming the first field of another type or out of range.
     """
+    threshold, actions = config.abstain_below, config.candidates
     check_fields(
         config,
         {
             "state_dimensions": (is_integer(config.state_dimensions, 1), "≥ 1"),
             "action_dimensions": (is_integer(config.action_dimensions, 1), "≥ 1"),
             "steps": (is_integer(config.steps, 1), "≥ 1"),
-            "abstain_below": (
-                is_number(config.abstain_below) and config.abstain_below >= 0,
-                "≥ 0 and finite",
-            ),
+            "abstain_below": (is_number(threshold) and threshold >= 0, "≥ 0 and finite"),
             "candidates": (
-                _are_actions(config.candidates, config.action_dimensions),
+                _are_actions(actions, config.action_dimensions),
                 "to be one or more actions, each of action_dimensions finite numbers",
             ),
         },
     )
-    rows = tuple(tuple(float(value) for value in action) for action in config.candidates)
+    rows = tuple(tuple(float(value) for value in action) for action in actions)
     object.__setattr__(config, "candidates", rows)
 
 
-def check_equally_many(**rows: Tensor) -> None:
-    """Raises a ValueError unless the named tensors have equally many rows."""
-    counts = {name: len(value) for name, value in rows.items()}
-    if len(set(counts.values())) > 1:
-        raise ValueError(f"expected equally many rows, got {counts}")
-
-
-def _check_loaded(model: nn.Module, state_dict: dict[str, Any], prefix: str, *_: object) -> None:
-    assert isinstance(model, CandidateModel)
+def _check_loaded(model: Any, state_dict: dict[str, Any], prefix: str, *_: object) -> None:
     model.check_loaded(part_of(state_dict, prefix))
 
 
-def _are_actions(rows: object, columns: int) -> bool:
-    if not isinstance(rows, tuple | list) or len(rows) == 0:
-        return False
-    return all(
-        isinstance(row, tuple | list) and len(row) == columns and all(map(is_number, row))
-        for row in rows
-    )
+def _are_actions(rows: Any, columns: int) -> bool:
+    def is_action(row: Any) -> bool:
+        is_row = isinstance(row, tuple | list) and len(row) == columns
+        return is_row and all(map(is_number, row))
+
+    return isinstance(rows, tuple | list) and len(rows) > 0 and all(map(is_action, rows))

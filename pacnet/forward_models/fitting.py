@@ -8,11 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from pacnet.core.validation import check_rows
-from pacnet.forward_models.candidates import check_equally_many
-
 BLOCK = 50
-"""Successive transitions that are held out together: neighbours in time are nearly copies."""
+"""Successive transitions that are held out together, because neighbours in time are alike."""
 HELD_OUT = 0.2
 """Share of the blocks that is held out."""
 MAX_EPOCHS = 200
@@ -31,51 +28,22 @@ class FitReport(NamedTuple):
     """How a fit went. Losses are mean squared errors of the normalised change."""
 
     epochs: int
-    """How many were run; the weights are those of the one with the lowest validation loss."""
+    """Number of epochs; the weights are those of the one with the lowest validation loss."""
     train_loss: float
-    """Of that epoch: the mean over its minibatches."""
+    """Mean over the minibatches of that epoch."""
     validation_loss: float
-    """Of that epoch, on the rows held out."""
+    """Loss on the held-out rows after that epoch."""
     validation_rows: Tensor
-    """Numbers of the rows held out, int64 `[V]`, rising."""
+    """Indices of the held-out rows, int64 `[V]`, ascending."""
     r2: Tensor
     """Share of the change explained on those rows, float64 `[S]`; see `r2_of_change`."""
 
 
-class Trained(NamedTuple):
-    """What `train` found; the network has the weights of the best epoch."""
-
-    epochs: int
-    train_loss: float
-    validation_loss: float
-
-
-def check_transitions(
-    states: Tensor, actions: Tensor, next_states: Tensor, columns: tuple[int, int], like: Tensor
-) -> None:
-    """Checks transitions [T, S], [T, U], [T, S].
-
-    Args:
-        states: before.
-        actions: taken.
-        next_states: after.
-        columns: S and U.
-        like: a tensor of the expected dtype and device.
-
-    Raises:
-        ValueError: wrong shape, dtype or device, not finite, or of unequal length.
-    """
-    check_rows("states", states, columns[0], like)
-    check_rows("actions", actions, columns[1], like)
-    check_rows("next_states", next_states, columns[0], like)
-    check_equally_many(states=states, actions=actions, next_states=next_states)
-
-
 def split_by_blocks(rows: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Draws the blocks to hold out; what is left over after the last whole block belongs to it.
+    """Draw the blocks to hold out; rows after the last whole block belong to that block.
 
     Returns:
-        The numbers of the rows to learn from and of those held out, both rising.
+        The indices of the rows to learn from and of the held-out rows, both ascending.
 
     Raises:
         ValueError: fewer rows than two blocks.
@@ -92,7 +60,7 @@ def split_by_blocks(rows: int, generator: torch.Generator) -> tuple[Tensor, Tens
 
 
 def mean_and_std(rows: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean and standard deviation of each column, in float64; 1 for one that does not vary."""
+    """Return mean and standard deviation of each column, float64; std 1 of a constant column."""
     rows = rows.double()
     mean = rows.mean(dim=0)
     std = (rows - mean).square().mean(dim=0).sqrt()
@@ -101,17 +69,13 @@ def mean_and_std(rows: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def r2_of_change(changes: Tensor, predicted: Tensor) -> Tensor:
-    """Share of the change that a prediction explains: 1 − Σ(change − predicted)² / Σ change².
+    """Return the share of changes `[T, S]` explained: 1 − Σ(change − predicted)² / Σ change².
 
-    So predicting that nothing changes (persistence) has 0 by definition, a worse prediction less.
-    A dimension that does not change at all counts as 0.
-
-    Args:
-        changes: `[T, S]`.
-        predicted: `[T, S]`.
+    Predicting no change scores 0; a worse prediction is negative. A dimension that never changes
+    scores 0.
 
     Returns:
-        For each dimension, float64 `[S]`.
+        Of each dimension, float64 `[S]`.
     """
     changes, predicted = changes.double(), predicted.double()
     error = (changes - predicted).square().sum(dim=0)
@@ -121,48 +85,58 @@ def r2_of_change(changes: Tensor, predicted: Tensor) -> Tensor:
 
 def train(
     network: nn.Module,
-    learning: tuple[Tensor, Tensor],
-    held_out: tuple[Tensor, Tensor],
+    samples: tuple[Tensor, Tensor],
+    split: tuple[Tensor, Tensor],
     generator: torch.Generator,
     progress: Progress | None,
-) -> Trained:
-    """Fits the network by AdamW on the mean squared error and keeps the best epoch's weights.
+) -> tuple[int, float, float]:
+    """Minimise the mean squared error by AdamW; give the network the weights of the best epoch.
 
     Args:
-        network: changed in place; half trained if an exception comes in between.
-        learning: inputs and outputs to learn from.
-        held_out: inputs and outputs that decide when to stop.
+        network: changed in place, also if an exception interrupts the training.
+        samples: inputs and outputs.
+        split: indices of the samples to learn from, and of those that decide when to stop.
         generator: draws the minibatches.
         progress: see `Progress`.
+
+    Returns:
+        The number of epochs, and the training and validation loss of the best one.
+
+    Raises:
+        ValueError: the validation loss is never finite.
     """
+    learning, held_out = ([rows[indices] for rows in samples] for indices in split)
     optimiser = torch.optim.AdamW(
         network.parameters(), lr=_LEARNING_RATE, weight_decay=_WEIGHT_DECAY, fused=True
     )
-    epoch, best, best_weights = 0, Trained(0, torch.inf, torch.inf), _copy(network)
-    while epoch < MAX_EPOCHS and epoch - best.epochs < PATIENCE:
+    epoch = best_epoch = 0
+    losses, weights = (torch.inf, torch.inf), _copy_weights(network)
+    while epoch < MAX_EPOCHS and epoch - best_epoch < PATIENCE:
         epoch += 1
-        train_loss = _one_epoch(network, optimiser, learning, generator)
+        train_loss = _train_epoch(network, optimiser, learning, generator)
         with torch.no_grad():
             validation_loss = float(_loss(network, *held_out))
-        if validation_loss < best.validation_loss:
-            best, best_weights = Trained(epoch, train_loss, validation_loss), _copy(network)
-        elif epoch - best.epochs == _HALVED_AFTER:
+        if validation_loss < losses[1]:
+            best_epoch, losses = epoch, (train_loss, validation_loss)
+            weights = _copy_weights(network)
+        elif epoch - best_epoch == _HALVED_AFTER:
             optimiser.param_groups[0]["lr"] /= 2
         if progress is not None:
             progress(epoch, train_loss, validation_loss)
-    if best.epochs == 0 < epoch:
+    if best_epoch == 0 < epoch:
         raise ValueError("expected transitions to learn from, got a loss that is never finite")
-    network.load_state_dict(best_weights)
-    return best._replace(epochs=epoch)
+    network.load_state_dict(weights)
+    return epoch, *losses
 
 
-def _one_epoch(
+def _train_epoch(
     network: nn.Module,
     optimiser: torch.optim.Optimizer,
-    learning: tuple[Tensor, Tensor],
+    samples: list[Tensor],
     generator: torch.Generator,
 ) -> float:
-    inputs, outputs = learning
+    """Return the mean loss over the minibatches."""
+    inputs, outputs = samples
     total = torch.zeros(())
     for rows in torch.randperm(len(inputs), generator=generator).split(_BATCH):
         loss = _loss(network, inputs[rows], outputs[rows])
@@ -177,5 +151,5 @@ def _loss(network: nn.Module, inputs: Tensor, outputs: Tensor) -> Tensor:
     return (network(inputs) - outputs).square().mean()
 
 
-def _copy(network: nn.Module) -> dict[str, Tensor]:
+def _copy_weights(network: nn.Module) -> dict[str, Tensor]:
     return {name: tensor.clone() for name, tensor in network.state_dict().items()}

@@ -1,4 +1,4 @@
-"""The choice among candidate actions as machine code, and where a small network leads for each."""
+"""Compiled kernels: the choice among candidate actions, and a small network's predictions."""
 
 from __future__ import annotations
 
@@ -12,43 +12,43 @@ from pacnet.kernels.engine import announce_compilation
 
 announce_compilation()
 
-LANES = 24  # candidates that are computed side by side, a multiple of what a vector register holds
+LANES = 24  # candidates computed side by side, a multiple of the width of a vector register
 
 _ENTRY: Any = {"cache": True, "nogil": True, "error_model": "numpy"}
-# What only kernels call compiles faster without the ways into it from Python and C.
+# Functions that only kernels call compile faster without their wrappers for Python and C.
 _PART: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _FUSED = {"contract"}  # a product and a sum may be rounded once instead of twice
 
-_LN2_HIGH = np.float32(355 / 512)  # of so few bits that its product with a small integer is exact
+_LN2_HIGH = np.float32(355 / 512)  # few bits, so its product with a small integer is exact
 _LN2_LOW = np.float32(math.log(2) - 355 / 512)
 _PER_LN2 = np.float32(1 / math.log(2))
-_TERMS = tuple(np.float32(1 / math.factorial(k)) for k in reversed(range(8)))  # of Taylor's series
+_TERMS = tuple(np.float32(1 / math.factorial(k)) for k in reversed(range(8)))  # Taylor series
 
 
 @njit(**_ENTRY)
 def choose(after, target, abstain_below):
-    """The known candidate that leads nearest (Euclidean) to a target, of equal ones the first.
+    """Choose the candidate whose predicted state is nearest (Euclidean) to a target.
 
-    It abstains where fewer than two candidates are known (than all, of a single one), or their
-    spread is under a threshold.
+    Ties go to the lowest index. Abstain if the spread is below the threshold, or if fewer than two
+    candidates have a prediction (a single candidate needs one).
 
     Args:
-        after: predicted states, float64 `[K, S]`; NaN if not known.
+        after: predicted states, float64 `[K, S]`; NaN without a prediction.
         target: float64 `[S]`.
         abstain_below: the threshold, in the state's unit.
 
     Returns:
-        Its number, −1 where none is known; the costs `[K]`, infinite if not known; the spread,
-        which is the root mean square distance from the mean; whether it abstains.
+        The index, −1 without any prediction; the costs `[K]`, infinite without a prediction; the
+        spread, which is the root mean square distance from the mean; whether to abstain.
     """
-    number, width = after.shape
-    costs = np.empty(number)
+    candidates, dimensions = after.shape
+    costs = np.empty(candidates)
     best, least, known = -1, np.inf, 0
-    for k in range(number):
+    for k in range(candidates):
         squared = 0.0
-        for d in range(width):
-            apart = after[k, d] - target[d]
-            squared += apart * apart
+        for d in range(dimensions):
+            difference = after[k, d] - target[d]
+            squared += difference * difference
         costs[k] = np.inf
         if squared < np.inf:
             costs[k] = math.sqrt(squared)
@@ -56,13 +56,13 @@ def choose(after, target, abstain_below):
         if costs[k] < least:
             best, least = k, costs[k]
     spread = _spread(after, costs, known)
-    too_few = known < 2 and known < number
+    too_few = known < 2 and known < candidates
     return best, costs, spread, too_few or spread < abstain_below
 
 
 @njit(**_PART)
 def _spread(after, costs, known):
-    """Root mean square distance of the known states from their mean."""
+    """Return the root mean square distance of the known states from their mean."""
     total = 0.0
     for d in range(after.shape[1]):
         mean = 0.0
@@ -77,7 +77,7 @@ def _spread(after, costs, known):
 
 @njit(**_ENTRY)
 def decide(candidates, normalisers, weights, biases, steps, abstain_below, state, target):
-    """`choose` among the states to which a network leads, float64; none is known if not finite.
+    """Predict the state after each candidate and `choose`; a state that is not finite has none.
 
     Args:
         candidates: float32 `[K, U]`.
@@ -89,28 +89,28 @@ def decide(candidates, normalisers, weights, biases, steps, abstain_below, state
         state: float32 `[S]`.
         target: float64 `[S]`.
     """
-    number, width = candidates.shape[0], state.size
-    after = np.empty((number, width))
-    inputs = _rows(width + candidates.shape[1])
-    for first in range(0, number, LANES):
-        states = _begin(state, candidates[first : first + LANES], normalisers, inputs)
+    dimensions = state.size
+    after = np.empty((candidates.shape[0], dimensions))
+    inputs = _lane_blocks(dimensions + candidates.shape[1])
+    for first in range(0, candidates.shape[0], LANES):
+        states = _prepare(state, candidates[first : first + LANES], normalisers, inputs)
         for _ in range(steps):
-            _lead_on(states, inputs, normalisers, weights, biases)
+            _advance(states, inputs, normalisers, weights, biases)
         for lane in range(states.shape[1]):
-            for d in range(width):
+            for d in range(dimensions):
                 after[first + lane, d] = states[d, lane]
     return choose(after, target, abstain_below)
 
 
 @njit(**_PART)
-def _rows(number):
-    """Zeros, so many rows and more, four by four: a row has a number for each of the lanes."""
-    return np.zeros(((number + 3) // 4, 4, LANES), np.float32)
+def _lane_blocks(rows):
+    """Return zeros for at least so many rows, in blocks of four, each row with all lanes."""
+    return np.zeros(((rows + 3) // 4, 4, LANES), np.float32)
 
 
 @njit(**_PART)
-def _begin(state, candidates, normalisers, inputs):
-    """The states of a block of candidates; their actions, normalised, go into the inputs."""
+def _prepare(state, candidates, normalisers, inputs):
+    """Return the state in each lane; write the candidates, normalised, into the inputs."""
     action_mean, action_std = normalisers[2], normalisers[3]
     states = np.empty((state.size, candidates.shape[0]), np.float32)
     rows = inputs.reshape(-1, LANES)
@@ -123,17 +123,17 @@ def _begin(state, candidates, normalisers, inputs):
 
 
 @njit(fastmath=_FUSED, **_PART)
-def _lead_on(states, inputs, normalisers, weights, biases):
-    """One time step: the states are replaced by those to which the network leads."""
+def _advance(states, inputs, normalisers, weights, biases):
+    """Replace the states by those predicted for the next time step."""
     state_mean, state_std, _, _, mean, std, low, high = normalisers
     hidden, rows = inputs, inputs.reshape(-1, LANES)
     for d in range(states.shape[0]):
         for lane in range(states.shape[1]):
             rows[d, lane] = (states[d, lane] - state_mean[d]) / state_std[d]
     for layer in range(len(weights) - 1):
-        hidden = _product(hidden, weights[layer])
+        hidden = _multiply(hidden, weights[layer])
         _activate(hidden.reshape(-1, LANES), biases[layer])
-    rows, bias = _product(hidden, weights[-1]).reshape(-1, LANES), biases[-1]
+    rows, bias = _multiply(hidden, weights[-1]).reshape(-1, LANES), biases[-1]
     for d in range(states.shape[0]):
         lowest, highest = np.float32(low[d]), np.float32(high[d])
         for lane in range(states.shape[1]):
@@ -144,14 +144,14 @@ def _lead_on(states, inputs, normalisers, weights, biases):
 
 
 @njit(fastmath=_FUSED, **_PART)
-def _product(inputs, weight):
-    """Rows of outputs: four at a time, of four inputs at a time, so that each is loaded less."""
-    outputs = _rows(weight.shape[0])
+def _multiply(inputs, weight):
+    """Multiply blocks of inputs by a weight matrix, four by four, so that each is loaded less."""
+    outputs = _lane_blocks(weight.shape[0])
     for p in range(outputs.shape[0]):
         for q in range(inputs.shape[0]):
             o, i, y, x = 4 * p, 4 * q, outputs[p], inputs[q]
-            a, b = _four(weight, o, i), _four(weight, o + 1, i)
-            c, d = _four(weight, o + 2, i), _four(weight, o + 3, i)
+            a, b = _four_weights(weight, o, i), _four_weights(weight, o + 1, i)
+            c, d = _four_weights(weight, o + 2, i), _four_weights(weight, o + 3, i)
             for lane in range(LANES):
                 values = x[0, lane], x[1, lane], x[2, lane], x[3, lane]
                 y[0, lane] += _dot(a, values)
@@ -162,8 +162,11 @@ def _product(inputs, weight):
 
 
 @njit(**_PART)
-def _four(weight, o, i):
-    """Four weights of an output, zeros beyond the last one; beyond the last input any."""
+def _four_weights(weight, o, i):
+    """Return four weights of an output: 0 beyond the last output, arbitrary beyond the last input.
+
+    Beyond the last input the inputs are 0.
+    """
     if o >= weight.shape[0]:
         return np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     row, last = weight[o], weight.shape[1] - 1
@@ -177,10 +180,10 @@ def _dot(a, b):
 
 @njit(fastmath=_FUSED, **_PART)
 def _activate(rows, bias):
-    """SiLU of rows and their biases, x / (1 + exp(−x)), in plain steps that run for all lanes.
+    """Add the biases and apply SiLU, x / (1 + exp(−x)), in steps that vectorise over the lanes.
 
-    exp(y) = 2ⁿ exp(r), |r| ≤ ln 2 / 2 (Cody & Waite, Software Manual, 1980), within 1 ulp; beyond
-    ±87, where float32 nearly ends, it is that of such an end.
+    exp(y) = 2ⁿ exp(r), |r| ≤ ln 2 / 2 (Cody & Waite, Software Manual, 1980), within 1 ulp; y is
+    clamped to ±87, near the limits of float32.
     """
     for o in range(bias.size):
         for lane in range(LANES):

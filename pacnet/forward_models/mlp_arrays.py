@@ -1,30 +1,30 @@
-"""What a compiled kernel reads of a learned forward model: arrays in the memory of its tensors."""
+"""The tensors of an `MLPForwardModel` as the arrays that its compiled kernel reads."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping, Sequence
 from operator import attrgetter, itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-if TYPE_CHECKING:
-    from pacnet.forward_models.mlp import MLPForwardModel
+from pacnet.core.growable_rows import check_storage
 
 NORMALISERS = (
     "state_mean", "state_std", "action_mean", "action_std", "change_mean", "change_std",
+    "state_low", "state_high",
 )  # fmt: skip
-RANGE = ("state_low", "state_high")
 
-_buffers_of = itemgetter("candidates", *NORMALISERS, *RANGE)
-_shape_of = attrgetter("shape")
+_read_buffers = itemgetter("candidates", *NORMALISERS)
+_read_shape = attrgetter("shape")
 
 
-class Arrays(NamedTuple):
-    """The first arguments of `kernels.decide`, all but a state and a target."""
+class MLPArrays(NamedTuple):
+    """The arguments of `kernels.decide` but for the state and the target."""
 
     candidates: NDArray[np.float32]
     normalisers: tuple[NDArray[np.float64], ...]
@@ -34,91 +34,82 @@ class Arrays(NamedTuple):
     abstain_below: float
 
 
-class MLPArrays:
-    """Finds a model's arrays, anew whenever a tensor or a layer is another one or lies elsewhere.
+class MLPArraysCache:
+    """Keeps the arrays until a tensor or a layer is replaced, or a tensor moves in memory.
 
-    An array keeps its memory, whatever is done to the tensor: storage that numpy has seen cannot be
-    resized.
+    The arrays share the tensors' memory, which torch cannot resize while they exist.
     """
 
     def __init__(self) -> None:
-        self._found: tuple[Any, Arrays | None] = None, None
+        self._cached: tuple[Any, MLPArrays | None] = None, None
 
-    def of(self, model: MLPForwardModel) -> Arrays | None:
-        """The arrays, or None where only torch can predict.
+    def get(
+        self, config: Any, network: nn.Module, buffers: Mapping[str, Tensor | None]
+    ) -> MLPArrays | None:
+        """Return the arrays, or None if only torch can predict.
 
-        That is where the model is not in float32 on the CPU, or its network is no longer what it
-        was made as: linear layers with SiLU between them.
+        That is so unless the tensors are float32 (normalisers float64) on the CPU and the network
+        consists of linear layers with SiLU between them.
 
         Raises:
-            ValueError: a tensor whose memory has been taken away.
+            ValueError: a tensor that is no longer in memory.
         """
-        # By attribute, a module's tensors would take as long to look up as to compute with.
-        network: Any = model._modules["network"]
+        # Looking up tensors as attributes of a module would take as long as the prediction.
         layers = tuple(network._modules.values())
         parameters: list[Any] = []
         for layer in layers[::2]:
-            parameters += layer._parameters.values()
-        tensors = (*_buffers_of(model._buffers), *parameters)
+            parameters += layer._parameters.values()  # pyright: ignore[reportOptionalMemberAccess]
+        tensors: Any = (*_read_buffers(buffers), *parameters)
         try:
             key = (
-                (model.config, network, *layers),
+                (config, network, *layers),
                 tuple(map(Tensor.data_ptr, tensors)),
-                tuple(map(_shape_of, tensors)),
+                tuple(map(_read_shape, tensors)),
                 tuple(map(Tensor.stride, (tensors[0], *parameters))),
             )
-            found = self._found
-            if found[0] != key:
-                found = self._found = key, _view(key[0], tensors)
+            cached = self._cached
+            if cached[0] != key:
+                arrays = _view(config, tensors) if _is_plain(network, layers) else None
+                cached = self._cached = key, arrays
         except (TypeError, RuntimeError):  # a layer without a bias, a tensor without dimensions
             return None
-        return found[1]
+        return cached[1]
 
-    def __reduce__(self) -> tuple[type[MLPArrays], tuple[()]]:
-        """A copied or pickled model finds its own."""
-        return MLPArrays, ()
+    def __reduce__(self) -> tuple[type[MLPArraysCache], tuple[()]]:
+        """Start empty in a copied or unpickled model."""
+        return MLPArraysCache, ()
 
 
-def _view(parts: tuple[Any, ...], tensors: tuple[Tensor, ...]) -> Arrays | None:
-    config, *modules = parts
-    first = 1 + len(NORMALISERS) + len(RANGE)  # of the tensors, which is a layer's
-    widths = [config.state_dimensions + config.action_dimensions, *map(len, tensors[first::2])]
+def _is_plain(network: nn.Module, layers: Sequence[nn.Module | None]) -> bool:
+    """Whether the network consists of linear layers with SiLU between them."""
+    kinds = [nn.Linear, *(nn.SiLU, nn.Linear) * (len(layers) // 2)]
+    return type(network) is nn.Sequential and [type(layer) for layer in layers] == kinds
+
+
+def _view(config: Any, tensors: Sequence[Tensor]) -> MLPArrays | None:
+    """View tensors as arrays if they have the shapes and types that the kernel expects."""
+    first = 1 + len(NORMALISERS)  # of the layers' tensors
+    states, actions = config.state_dimensions, config.action_dimensions
+    widths = (states + actions, *map(len, tensors[first::2]))
+    rows = len(tensors[0])
+    forms: list[Any] = [((rows, actions), torch.float32)]
+    sizes = (states, states, actions, actions, *[states] * 4)  # of the normalisers
+    forms += [((size,), torch.float64) for size in sizes]
+    for inputs, outputs in itertools.pairwise(widths):
+        forms += [((outputs, inputs), torch.float32), ((outputs,), torch.float32)]
     if (
-        not _is_plain(modules)
-        or len(tensors[0]) == 0
-        or widths[-1] != config.state_dimensions
-        or [_form(tensor) for tensor in tensors] != _forms(config, len(tensors[0]), widths)
+        rows == 0
+        or widths[-1] != states
+        or [(tensor.shape, tensor.dtype) for tensor in tensors] != forms
+        or not all(tensor.is_cpu and tensor.is_contiguous() for tensor in tensors)
     ):
         return None
-    for tensor in tensors:
-        held = tensor.untyped_storage().nbytes()
-        if held < tensor.nbytes + tensor.storage_offset() * tensor.itemsize:
-            raise ValueError(
-                f"expected the memory of a {list(tensor.shape)} tensor, got {held} bytes"
-            )
-    candidates, *arrays = (tensor.detach().numpy() for tensor in tensors)
-    weights, biases = tuple(arrays[first - 1 :: 2]), tuple(arrays[first::2])
-    normalisers, threshold = tuple(arrays[: first - 1]), float(config.abstain_below)
-    return Arrays(candidates, normalisers, weights, biases, config.steps, threshold)
-
-
-def _is_plain(modules: list[nn.Module]) -> bool:
-    """Whether a network and its layers are as made: linear layers with SiLU between them."""
-    between = len(modules) // 2 - 1
-    kinds = [nn.Sequential, nn.Linear, *(nn.SiLU, nn.Linear) * between]
-    return [type(module) for module in modules] == kinds
-
-
-def _form(tensor: Tensor) -> tuple[Any, ...]:
-    return tensor.shape, tensor.dtype, tensor.is_cpu and tensor.is_contiguous()
-
-
-def _forms(config: Any, candidates: int, widths: list[int]) -> list[tuple[Any, ...]]:
-    """How the kernel expects the tensors to be."""
-    actions, states = (config.action_dimensions,), (config.state_dimensions,)
-    forms = [((candidates, *actions), torch.float32, True)]
-    shapes = (*[states] * 2, *[actions] * 2, *[states] * 4)
-    forms += [(shape, torch.float64, True) for shape in shapes]
-    for inputs, outputs in itertools.pairwise(widths):
-        forms += [((outputs, inputs), torch.float32, True), ((outputs,), torch.float32, True)]
-    return forms
+    candidates, *arrays = (
+        check_storage("a tensor of the forward model", tensor).detach().numpy()
+        for tensor in tensors
+    )
+    normalisers, layers = tuple(arrays[: first - 1]), arrays[first - 1 :]
+    weights, biases = tuple(layers[::2]), tuple(layers[1::2])
+    return MLPArrays(
+        candidates, normalisers, weights, biases, config.steps, float(config.abstain_below)
+    )

@@ -15,21 +15,23 @@ from torch import Tensor, nn
 from pacnet.core.validation import check_fields, check_rows
 from pacnet.forward_models.protocol import Command
 
+_GAINS = ("kp", "ki", "kd")
+
 
 @dataclass(frozen=True, kw_only=True)
 class PIDConfig:
     """Gains and limits of a `PIDController`, one gain per joint.
 
     Attributes:
-        kp: Proportional gains [N m / rad].
-        ki: Integral gains [N m / (rad s)].
-        kd: Derivative gains [N m s / rad].
-        dt: Time between two updates [s].
-        integral_limit: Bound on the magnitude of each joint's integrated error [rad s].
-        torque_limit: Bound on the magnitude of each joint's torque [N m].
+        kp: proportional gains [N m / rad].
+        ki: integral gains [N m / (rad s)].
+        kd: derivative gains [N m s / rad].
+        dt: time between two updates [s].
+        integral_limit: bound on the magnitude of each joint's integrated error [rad s].
+        torque_limit: bound on the magnitude of each joint's torque [N m].
 
     Raises:
-        ValueError: A field of another type; gains that are negative, not finite, none or not
+        ValueError: a field of another type; gains that are negative, not finite, none or not
             equally many; a time step that is not positive and finite; a limit that is not
             positive (infinity: no limit).
     """
@@ -42,32 +44,32 @@ class PIDConfig:
     torque_limit: float
 
     def __post_init__(self) -> None:
-        """Turn sequences (JSON reads lists) into tuples and check every field."""
-        self._check_types()
-        for name in ("kp", "ki", "kd"):
+        """Validate the fields and turn sequences into tuples (JSON has lists)."""
+        joints = len(self.kp) if isinstance(self.kp, tuple | list) else 0
+        gains = "to be one finite gain ≥ 0 for each of one or more joints, as many as kp"
+        check_fields(
+            self,
+            {name: (_are_gains(getattr(self, name), joints), gains) for name in _GAINS}
+            | {
+                "dt": (_is_positive(self.dt) and self.dt < math.inf, "> 0 and finite [s]"),
+                "integral_limit": (_is_positive(self.integral_limit), "> 0 [rad s]"),
+                "torque_limit": (_is_positive(self.torque_limit), "> 0 [N m]"),
+            },
+        )
+        for name in _GAINS:
             object.__setattr__(self, name, tuple(float(gain) for gain in getattr(self, name)))
-        joints = len(self.kp)
-        checks = {
-            name: (
-                len(gains) == joints > 0 and all(0 <= gain < math.inf for gain in gains),
-                "to be one finite gain ≥ 0 for each of one or more joints, as many as kp",
-            )
-            for name, gains in (("kp", self.kp), ("ki", self.ki), ("kd", self.kd))
-        }
-        checks["dt"] = (0 < self.dt < math.inf, "> 0 and finite [s]")
-        checks["integral_limit"] = (self.integral_limit > 0, "> 0 [rad s]")
-        checks["torque_limit"] = (self.torque_limit > 0, "> 0 [N m]")
-        check_fields(self, checks)
 
-    def _check_types(self) -> None:
-        checks = {}
-        for name in ("kp", "ki", "kd"):
-            gains = getattr(self, name)
-            numbers = isinstance(gains, tuple | list) and all(isinstance(g, Real) for g in gains)
-            checks[name] = (numbers, "to be a tuple of floats")
-        for name in ("dt", "integral_limit", "torque_limit"):
-            checks[name] = (isinstance(getattr(self, name), Real), "to be a float")
-        check_fields(self, checks)
+
+def _are_gains(value: object, joints: int) -> bool:
+    return (
+        isinstance(value, tuple | list)
+        and len(value) == joints > 0
+        and all(isinstance(gain, Real) and 0 <= float(gain) < math.inf for gain in value)
+    )
+
+
+def _is_positive(value: object) -> bool:
+    return isinstance(value, Real) and float(value) > 0
 
 
 class PIDController(nn.Module):
@@ -79,7 +81,10 @@ class PIDController(nn.Module):
         torque    = clamp(kp e + ki integral + kd (target velocity - velocity), +- torque_limit)
 
     The derivative acts on measured velocities, not on differences of e, so a jump of the target
-    gives no spike of torque. `forward` only reads; `step` remembers the integral from call to call.
+    causes no spike of torque. `forward` only reads; `step` keeps the integral between calls.
+
+    Args:
+        config: see `PIDConfig`.
     """
 
     kp: Tensor  # [J]
@@ -88,16 +93,15 @@ class PIDController(nn.Module):
     integral: Tensor  # [B, J] [rad s]; no rows before the first step of an episode
 
     def __init__(self, config: PIDConfig) -> None:
-        """Hold the gains of `config` as buffers."""
         super().__init__()
         self.config = config
-        for name in ("kp", "ki", "kd"):
+        for name in _GAINS:
             self.register_buffer(name, torch.tensor(getattr(config, name)))
         self.register_buffer("integral", torch.zeros(0, len(config.kp)), persistent=False)
 
     @property
     def action_dimensions(self) -> int:
-        """Number J of joints, a torque each."""
+        """Number J of joints, each with a torque."""
         return len(self.config.kp)
 
     def forward(
@@ -111,17 +115,18 @@ class PIDController(nn.Module):
         """Compute one update without keeping anything.
 
         Args:
-            angles: Measured joint angles [B, J] [rad].
-            velocities: Measured joint velocities [B, J] [rad/s].
-            targets: Wanted joint angles [B, J] [rad].
-            integral: Integrated error before this update [B, J] [rad s].
-            target_velocities: Wanted joint velocities [B, J] [rad/s]; at rest if left out.
+            angles: measured joint angles `[B, J]` [rad].
+            velocities: measured joint velocities `[B, J]` [rad/s].
+            targets: target joint angles `[B, J]` [rad].
+            integral: integrated error before this update `[B, J]` [rad s].
+            target_velocities: target joint velocities `[B, J]` [rad/s]; default: 0.
 
         Returns:
-            The torque [B, J] [N m] and the integrated error after this update [B, J] [rad s].
+            The torque `[B, J]` [N m] and the integrated error after this update `[B, J]` [rad s].
 
         Raises:
-            ValueError: A tensor of the wrong shape, dtype or device, without rows, or not finite.
+            ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite;
+                unequal numbers of rows.
         """
         batch = {
             "angles": angles,
@@ -131,7 +136,11 @@ class PIDController(nn.Module):
         }
         if target_velocities is not None:
             batch["target_velocities"] = target_velocities
-        self._check(batch)
+        for name, value in batch.items():
+            check_rows(name, value, columns=len(self.kp), like=self.kp)
+        rows = {name: len(value) for name, value in batch.items()}
+        if len(set(rows.values())) > 1:
+            raise ValueError(f"expected equally many rows (or a reset between), got {rows}")
         limit, torque_limit = self.config.integral_limit, self.config.torque_limit
         error = targets - angles  # [B, J] [rad]
         integral = (integral + error * self.config.dt).clamp(-limit, limit)
@@ -146,19 +155,12 @@ class PIDController(nn.Module):
         targets: Tensor,
         target_velocities: Tensor | None = None,
     ) -> Tensor:
-        """Compute one update and remember the integral for the next one.
+        """Compute one update, keep the integral for the next one, return the torque `[B, J]` [N m].
 
-        Args:
-            angles: Measured joint angles [B, J] [rad].
-            velocities: Measured joint velocities [B, J] [rad/s].
-            targets: Wanted joint angles [B, J] [rad].
-            target_velocities: Wanted joint velocities [B, J] [rad/s]; at rest if left out.
-
-        Returns:
-            The torque [B, J] [N m].
+        The arguments are those of `forward`.
 
         Raises:
-            ValueError: As `forward`, and when the number of rows changes without a `reset`.
+            ValueError: as `forward`, and if the number of rows changes without a `reset`.
         """
         integral = self.integral
         if len(integral) == 0:
@@ -172,14 +174,14 @@ class PIDController(nn.Module):
         """Compute one update as a `ForwardModel`: `step` with angles and velocities in one tensor.
 
         Args:
-            states: Measured joint angles [rad], then velocities [rad/s] [B, 2 J].
-            targets: Wanted joint angles [B, J] [rad].
+            states: measured joint angles [rad], then velocities [rad/s], `[B, 2 J]`.
+            targets: target joint angles `[B, J]` [rad].
 
         Returns:
-            The torque [B, J] [N m], given in every row.
+            The torque `[B, J]` [N m], an action in every row.
 
         Raises:
-            ValueError: As `step`.
+            ValueError: as `step`.
         """
         joints = len(self.kp)
         check_rows("states", states, columns=2 * joints, like=self.kp)
@@ -187,13 +189,5 @@ class PIDController(nn.Module):
         return Command(torque, torch.ones(len(torque), dtype=torch.bool, device=torque.device))
 
     def reset(self) -> None:
-        """Forget the integral: a new episode begins, with any number of rows."""
+        """Start an episode, with any number of rows: forget the integral."""
         self.integral = self.kp.new_zeros(0, len(self.kp))
-
-    def _check(self, batch: dict[str, Tensor]) -> None:
-        """Refuse anything but finite [B, J] tensors of the gains' dtype, equally many rows each."""
-        for name, value in batch.items():
-            check_rows(name, value, columns=len(self.kp), like=self.kp)
-        rows = {name: len(value) for name, value in batch.items()}
-        if len(set(rows.values())) > 1:
-            raise ValueError(f"expected equally many rows (or a reset between), got {rows}")

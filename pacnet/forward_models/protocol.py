@@ -1,4 +1,4 @@
-"""What a forward model is: it turns where the robot is and where it should be into an action.
+"""The protocol of a forward model: from the present state and a target state to an action.
 
 Source: Maistros, Marom & Hayes (2001), Experiment 2: "The forward model should suggest to the robot
 how to attain a particular target state, given the current state, and the possible actions available
@@ -13,34 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pacnet.core.old_names import old_names
 
+
+@old_names(given="has_action")
 class Command(NamedTuple):
-    """What a forward model would do in each of B states."""
+    """The actions of a forward model in B states."""
 
     action: Tensor
-    """`[B, U]`; a row of NaN where none is given."""
-    given: Tensor
-    """Whether there is an action, bool `[B]`."""
-
-
-class Selection(NamedTuple):
-    """The choice among K candidate actions in one state."""
-
-    action: Tensor
-    """The candidate predicted to come nearest to the target, `[U]`; also when abstaining."""
-    index: int  # pyright: ignore[reportIncompatibleMethodOverride]
-    """Its place among the candidates."""
-    costs: Tensor
-    """Distance of each candidate's predicted state from the target, `[K]`; infinite if unknown."""
-    spread: float
-    """How far apart the predicted states are: root mean square distance from their mean."""
-    abstained: bool
-    """Whether the candidates cannot be told apart, so that no action should be taken."""
+    """`[B, U]`; a row of NaN where the model gives no action."""
+    has_action: Tensor
+    """Whether the model gives an action, bool `[B]`."""
 
 
 @runtime_checkable
 class ForwardModel(Protocol):
-    """All that the library asks of a forward model, its own or a user's.
+    """What `PACNet` and `SchemaNetwork` need of a forward model, the library's own or a user's.
 
     Example:
         >>> import torch
@@ -62,31 +50,24 @@ class ForwardModel(Protocol):
         ...
 
     def command(self, states: Tensor, targets: Tensor) -> Command:
-        """The action that should lead from each state `[B, S]` to its target `[B, A]`."""
+        """Return the action that leads from each state `[B, S]` towards its target `[B, A]`."""
         ...
 
     def reset(self) -> None:
-        """Starts an episode: what was remembered of the last one is forgotten."""
+        """Start an episode: forget what was remembered of the last one."""
         ...
 
 
 @runtime_checkable
 class OneStateForwardModel(ForwardModel, Protocol):
-    """A forward model that also answers in one state at a time without tensors, for control loops.
-
-    Example:
-        >>> from pacnet import MLPForwardModel, MLPForwardModelConfig
-        >>> model = MLPForwardModel(MLPForwardModelConfig(1, 1, candidates=((0.0,), (1.0,))))
-        >>> isinstance(model, OneStateForwardModel)
-        True
-    """
+    """A forward model that also takes single states as arrays, which is faster in control loops."""
 
     def command_one(
         self, state: NDArray[np.float32] | Tensor, target: NDArray[np.float32] | Tensor
     ) -> NDArray[np.float32] | None:
-        """What `command` would do for a state `[S]` and target `[A]`: `[U]`, or None for nothing.
+        """Return the action `[U]` for a state `[S]` and target `[A]`, or None if there is none.
 
         Raises:
-            ValueError: a row that it cannot use.
+            ValueError: a state or target of the wrong shape, dtype or device, or not finite.
         """
         ...

@@ -107,5 +107,5 @@ def _kinds(actions: Tensor) -> tuple[tuple[float, ...], ...]:
         )
     if len(different) > CANDIDATES:
         generator = torch.Generator().manual_seed(0)
-        different = kmeans(actions.double(), CANDIDATES, generator).centroids
+        different, _ = kmeans(actions.double(), CANDIDATES, generator)
     return tuple(tuple(action) for action in different.tolist())

@@ -1,9 +1,9 @@
 """The schema network, the paper's first system: perceptual-motor pairs that are given by hand.
 
 Source: Maistros, Marom & Hayes (2001), section "Implementation", Figures 1 and 2. A perceptual
-schema is a sequence of percepts and has a confidence in what it sees; its motor schema is a
-sequence of internal targets, as long. Where the parts of a behaviour begin and end is the
-designer's arbitrary choice, which is what attention (`PACNet`) does away with.
+schema is a sequence of percepts; its confidence tells how well it matches the present percept. Its
+motor schema is an equally long sequence of targets. The designer decides where the parts of a
+behaviour begin and end; in `PACNet`, attention decides.
 """
 
 from __future__ import annotations
@@ -19,66 +19,69 @@ from pacnet.competition.winner_take_all import NO_SCHEMA, Competition
 from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.core.integrity import check_structure
-from pacnet.core.validation import check_rows
-from pacnet.forward_models.candidates import check_equally_many
+from pacnet.core.old_names import old_names
+from pacnet.core.validation import check_index, check_rows, check_same_length
 from pacnet.forward_models.protocol import ForwardModel
 from pacnet.network.schema_network_config import SchemaNetworkConfig
 
-_SEARCH_ELEMENTS = 2**24  # differences held at once while searching: 64 MB
+_SEARCH_ELEMENTS = 2**24  # differences held at once during a search: 64 MB
 
 
+@old_names(position="offset")
 class SchemaActivity(NamedTuple):
-    """What S schemas make of each of B percepts."""
+    """The state of S schemas for each of B percepts."""
 
     confidence: Tensor
-    """Of each perceptual schema, `[B, S]`, in [0, 1]."""
+    """Confidence of each perceptual schema, `[B, S]`, in [0, 1]."""
     active: Tensor
-    """Whether it is confident enough for its motor schema to be active, bool `[B, S]`."""
-    position: Tensor
-    """Place of the nearest percept in each schema's sequence, int64 `[B, S]`."""
+    """Whether the confidence reaches the threshold: the motor schema is active, bool `[B, S]`."""
+    offset: Tensor
+    """Index of the nearest percept in each schema's sequence, int64 `[B, S]`."""
     targets: Tensor
-    """The internal target at that place, `[B, S, A]`; NaN where the motor schema is not active."""
+    """The target at that index, `[B, S, A]`; NaN where the motor schema is not active."""
 
 
+@old_names(commanded="has_target")
 class SchemaRecall(NamedTuple):
-    """What the network recalls for each percept. T percepts."""
+    """The winning schema and its target for each of T percepts."""
 
     targets: Tensor
-    """The winner's internal target, `[T, A]`; a row of NaN where nobody wins."""
-    commanded: Tensor
-    """Whether somebody wins, bool `[T]`."""
+    """The winner's target, `[T, A]`; a row of NaN without a winner."""
+    has_target: Tensor
+    """Whether there is a winner, bool `[T]`."""
     winner: Tensor
-    """The schema that wins, int64 `[T]`, or `NO_SCHEMA`."""
+    """Index of the winning schema, int64 `[T]`, or `NO_SCHEMA`."""
     activity: SchemaActivity
     """Of all schemas."""
 
 
+@old_names(given="has_action")
 class SchemaAction(NamedTuple):
-    """What the network would do on each percept. T percepts."""
+    """The action for each of T percepts."""
 
     action: Tensor
-    """The winner's command, `[T, U]`; NaN where none is given and the caller's default acts."""
-    given: Tensor
+    """The winner's command, `[T, U]`; NaN where there is none and the caller's default acts."""
+    has_action: Tensor
     """Whether there is an action, bool `[T]`."""
     candidates: Tensor
-    """The command of every schema, `[T, S, U]`; NaN where it is not active or has none."""
+    """The command of each schema, `[T, S, U]`; NaN where it is not active or has none."""
     recall: SchemaRecall
-    """What was recalled."""
+    """The winners and their targets."""
 
 
 class SchemaNetwork(nn.Module):
     """Perceptual-motor pairs that compete for the body.
 
-    The confidence of a perceptual schema is exp(−d / width), d the Euclidean distance from the
-    scaled percept to the nearest one of its sequence; of equally near ones the first.
+    The confidence of a perceptual schema is exp(−d / width), where d is the Euclidean distance from
+    the scaled percept to the nearest percept of its sequence; ties go to the lowest index.
 
     Args:
         config: see `SchemaNetworkConfig`.
-        forward_model: turns targets into commands. It belongs to the body and not to the schemas,
-            so checkpoints of the network leave it out.
+        forward_model: turns targets into actions: a `PIDController`, or any other `ForwardModel`.
+            It belongs to the body and not to the schemas, so checkpoints do not contain it.
 
     Raises:
-        ValueError: a forward model that is none.
+        ValueError: `forward_model` is not a `ForwardModel`.
 
     Example:
         >>> network = SchemaNetwork(SchemaNetworkConfig(1, 1))
@@ -101,7 +104,7 @@ class SchemaNetwork(nn.Module):
         self.config = config
         self.forward_model = forward_model
         self.competition = Competition(config.competition)
-        self.pool = GrowableRows(  # all sequences, one after the other
+        self.pool = GrowableRows(  # the sequences of all schemas, concatenated
             {
                 "percept": Column((config.percept_dimensions,), torch.float32),  # scaled
                 "target": Column((config.target_dimensions,), torch.float32),
@@ -110,11 +113,11 @@ class SchemaNetwork(nn.Module):
         self.sequences = GrowableRows({"length": Column((), torch.int64)})
         scale = (1.0,) * config.percept_dimensions if config.scale is None else config.scale
         self.register_buffer("scale", torch.tensor(scale), persistent=False)
-        self.register_load_state_dict_post_hook(_start_afresh)
-        self._incumbent = NO_SCHEMA
+        self.register_load_state_dict_post_hook(_reset_after_load)
+        self._incumbent = NO_SCHEMA  # the last winner of this episode
 
     def __len__(self) -> int:
-        """The number S of schemas."""
+        """Return the number S of schemas."""
         return len(self.sequences)
 
     def extra_repr(self) -> str:
@@ -129,32 +132,32 @@ class SchemaNetwork(nn.Module):
         return self.sequences.live("length")
 
     def percepts(self, schema: int) -> Tensor:
-        """The schema's percepts in order, in the percept's units, `[L, D]`."""
-        return self.pool.live("percept")[self._rows(schema)] / self.scale
+        """Return the schema's percepts in order, in the percept's units, `[L, D]`."""
+        return self._sequence("percept", schema) / self.scale
 
     def targets(self, schema: int) -> Tensor:
-        """The schema's internal targets in order, `[L, A]`."""
-        return self.pool.live("target")[self._rows(schema)]
+        """Return the schema's targets in order, `[L, A]`."""
+        return self._sequence("target", schema)
 
     @torch.no_grad()
     def add_schema(self, percepts: Tensor, targets: Tensor) -> int:
-        """Adds one perceptual schema with its motor schema, and starts a new episode.
+        """Add a perceptual schema with its motor schema, and start a new episode.
 
         Args:
             percepts: what it recognises, `[L, D]`, in order of time.
-            targets: the internal target that goes with each percept, `[L, A]`.
+            targets: the target that goes with each percept, `[L, A]`.
 
         Returns:
-            The schema's number.
+            The index of the schema.
 
         Raises:
             ValueError: percepts or targets of the wrong shape, dtype or device, empty, not finite,
                 or not equally many; nothing has been added then.
         """
-        scaled = self._scaled(percepts)
+        scaled = self._scale(percepts)
         check_rows("targets", targets, self.config.target_dimensions, self.pool.live("target"))
-        check_equally_many(percepts=percepts, targets=targets)
-        # Growing inside a caller's inference mode would make buffers nobody can update later.
+        check_same_length(percepts=percepts, targets=targets)
+        # Buffers made in a caller's inference mode could not be updated later.
         with torch.inference_mode(False):
             first = self.pool.extend(len(scaled))
             self.pool.live("percept")[first:] = scaled
@@ -164,35 +167,29 @@ class SchemaNetwork(nn.Module):
         return schema
 
     def forward(self, percepts: Tensor) -> SchemaActivity:
-        """Reads the schemas: confidence, place and current target of each for each percept.
-
-        Args:
-            percepts: `[B, D]` in the units that `config.scale` expects.
+        """Return confidence, offset and target of every schema for percepts `[B, D]`.
 
         Raises:
             ValueError: percepts of the wrong shape, dtype or device, empty, or not finite.
         """
-        scaled = self._scaled(percepts)
+        scaled = self._scale(percepts)
         with torch.no_grad():
-            position = self._nearest(scaled)  # [B, S]
-        rows = self._starts() + position
-        apart = scaled[:, None] - self.pool.live("percept")[rows]  # [B, S, D]
-        confidence = torch.exp(-torch.linalg.vector_norm(apart, dim=2) / self.config.width)
+            offset = self._nearest(scaled)  # [B, S]
+        rows = self._starts() + offset
+        difference = scaled[:, None] - self.pool.live("percept")[rows]  # [B, S, D]
+        confidence = torch.exp(-torch.linalg.vector_norm(difference, dim=2) / self.config.width)
         active = confidence >= self.config.competition.threshold
         targets = self.pool.live("target")[rows].where(active[:, :, None], torch.nan)
-        return SchemaActivity(confidence, active, position, targets)
+        return SchemaActivity(confidence, active, offset, targets)
 
     @torch.no_grad()
     def recall(self, percepts: Tensor) -> SchemaRecall:
-        """The winner and its current target for each percept, going on from the last call.
+        """Return the winner and its target for each percept `[T, D]`, continuing the episode.
 
-        Where no schema is active nothing is commanded. `reset` starts a new episode.
-
-        Args:
-            percepts: `[T, D]`, in order of time.
+        If no schema is active there is no winner. `reset` starts a new episode.
 
         Raises:
-            ValueError: percepts as in `forward`; the episode is where it was then.
+            ValueError: percepts as in `forward`; the episode is unchanged then.
         """
         recall = self._compete(percepts)
         self._incumbent = int(recall.winner[-1])
@@ -200,28 +197,24 @@ class SchemaNetwork(nn.Module):
 
     @torch.no_grad()
     def act(self, percepts: Tensor, states: Tensor) -> SchemaAction:
-        """The candidate command of every active motor schema, and the winner's as the action.
+        """Return the command of every active motor schema, and the winner's as the action.
 
-        The forward model is asked once a sample, for S states and targets: a row a schema, always
-        the same one, so that a model with a memory has one for each schema. A `PIDController`
-        then has an integral for each schema, which behaves so:
+        The forward model is called once for each percept with a winner. It gets one row for each
+        schema, in a fixed order, so a `PIDController` has an integral for each:
 
-        - of an active schema it sums the error of that schema's own target. Where another one wins,
-          nothing removes this error, and it sums up to `integral_limit`; the schema takes over with
-          at most `ki * integral_limit` of it in its command.
-        - an inactive schema is asked for the winner's target, and its answer is dropped. So its
-          integral keeps pace with the winner's, holding what the body's weight asks for, and it
-          does not take over with an error of its own from long ago.
-        - where nobody wins, no command is asked for and all integrals stay.
+        - An active schema integrates the error of its own target. If it does not win, the error
+          remains, and the integral grows up to `integral_limit`.
+        - An inactive schema integrates the error of the winner's target, and its command is
+          dropped. When it becomes active, its integral carries the same load and no old error.
 
         Args:
-            percepts: `[T, D]`, in order of time; goes on from the last call, as `recall` does.
+            percepts: `[T, D]`, in order of time; continues the episode, as `recall` does.
             states: the robot's state at each percept, from which the forward model starts,
                 `[T, K]`; for a `PIDController` joint angles, then velocities.
 
         Raises:
             ValueError: no forward model; percepts as in `forward`; not one finite state for each
-                percept; states that the forward model refuses. The episode is where it was then.
+                percept; states that the forward model refuses. The episode is unchanged then.
         """
         model = self.forward_model
         if model is None:
@@ -231,23 +224,26 @@ class SchemaNetwork(nn.Module):
         recall = self._compete(percepts)
         columns = states.shape[1] if isinstance(states, Tensor) and states.dim() == 2 else 1
         check_rows("states", states, columns, like=percepts)
-        check_equally_many(percepts=percepts, states=states)
-        candidates, given = self._candidates(model, recall, states)
+        check_same_length(percepts=percepts, states=states)
+        candidates, has_command = self._command(model, recall, states)
         self._incumbent = int(recall.winner[-1])
         action = _of_winner(recall.winner, candidates, torch.nan)
-        return SchemaAction(action, _of_winner(recall.winner, given, False), candidates, recall)
+        has_action = _of_winner(recall.winner, has_command, False)
+        return SchemaAction(action, has_action, candidates, recall)
 
     def reset(self) -> None:
-        """Starts a new episode: nobody has won yet; the forward model starts afresh too."""
+        """Start a new episode, also of the forward model: there is no last winner."""
         self._incumbent = NO_SCHEMA
         if self.forward_model is not None:
             self.forward_model.reset()
 
     def save_pretrained(self, folder: str | Path) -> None:
-        """Writes `config.json` and `model.safetensors`; a kill leaves the old or the new ones.
+        """Write `config.json` and `model.safetensors`.
+
+        The write is atomic: after a crash the old or the new checkpoint is intact.
 
         Args:
-            folder: made if it is missing; a checkpoint in it is replaced, other files stay.
+            folder: created if missing; a checkpoint in it is replaced, other files stay.
 
         Raises:
             ValueError: a tensor that is not finite; nothing has been written.
@@ -261,11 +257,11 @@ class SchemaNetwork(nn.Module):
     def from_pretrained(
         cls, folder: str | Path, forward_model: ForwardModel | None = None
     ) -> SchemaNetwork:
-        """Loads what `save_pretrained` wrote, on the CPU.
+        """Load what `save_pretrained` wrote, on the CPU.
 
         Args:
             folder: of the checkpoint.
-            forward_model: to act with.
+            forward_model: as of the class.
 
         Raises:
             FileNotFoundError: no checkpoint there.
@@ -286,69 +282,66 @@ class SchemaNetwork(nn.Module):
         network.forward_model = forward_model
         return network
 
-    def _scaled(self, percepts: Tensor) -> Tensor:
-        """Checks percepts and brings them to the units in which distances are taken."""
-        checked = check_rows("percepts", percepts, self.config.percept_dimensions, self.scale)
-        scaled = checked * self.scale
-        return check_rows("scaled percepts", scaled, self.config.percept_dimensions, self.scale)
+    def _scale(self, percepts: Tensor) -> Tensor:
+        """Check percepts and scale them for distances."""
+        columns = self.config.percept_dimensions
+        scaled = check_rows("percepts", percepts, columns, self.scale) * self.scale
+        return check_rows("scaled percepts", scaled, columns, self.scale)
 
     def _compete(self, percepts: Tensor) -> SchemaRecall:
-        """`recall` without remembering who won."""
+        """Do what `recall` does, but do not remember the last winner."""
         activity = self(percepts)
         winner = self.competition.over_time(activity.confidence, self._incumbent)
         targets = _of_winner(winner, activity.targets, torch.nan)
         return SchemaRecall(targets, winner != NO_SCHEMA, winner, activity)
 
-    def _candidates(
+    def _command(
         self, model: ForwardModel, recall: SchemaRecall, states: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Commands `[T, S, U]`, and which schemas have one, bool `[T, S]`."""
-        active, own = recall.activity.active, recall.activity.targets
-        wanted = own.where(active[:, :, None], recall.targets[:, None])  # [T, S, A]
+        """Return the schemas' commands `[T, S, U]`, and whether they have one, bool `[T, S]`."""
+        active = recall.activity.active
+        targets = recall.activity.targets.where(active[:, :, None], recall.targets[:, None])
         commands = states.new_full((*active.shape, model.action_dimensions), torch.nan)
-        given = torch.zeros_like(active)
-        # One sample after the other: a forward model may have a memory, as a PID has.
-        for sample in recall.commanded.nonzero().flatten().tolist():
-            here = states[sample].repeat(len(self), 1)
-            commands[sample], given[sample] = model.command(here, wanted[sample])
-        given &= active
-        return commands.where(given[:, :, None], torch.nan), given
+        has_command = torch.zeros_like(active)
+        # One sample after the other, because a forward model may have a memory, as a PID has.
+        for sample in recall.has_target.nonzero().flatten().tolist():
+            state = states[sample].repeat(len(self), 1)
+            commands[sample], has_command[sample] = model.command(state, targets[sample])
+        has_command &= active
+        return commands.where(has_command[:, :, None], torch.nan), has_command
 
     def _nearest(self, percepts: Tensor) -> Tensor:
-        """Place of the percept nearest to each of scaled ones in each sequence, int64 `[B, S]`."""
+        """Return the index in each sequence of the percept nearest to scaled ones, `[B, S]`."""
         if len(self) == 0:
             return torch.zeros(len(percepts), 0, dtype=torch.int64, device=percepts.device)
         pool, lengths = self.pool.live("percept"), self.lengths
-        places = torch.arange(int(lengths.max()), device=percepts.device)
-        # Past a sequence's end its last row again, which never comes before itself.
-        rows = self._starts()[:, None] + places.minimum(lengths[:, None] - 1)  # [S, L]
-        chunk = max(1, _SEARCH_ELEMENTS // pool.numel())
+        offsets = torch.arange(int(lengths.max()), device=percepts.device)
+        # After a sequence's end its last row is repeated; `argmin` returns the first of them.
+        rows = self._starts()[:, None] + offsets.minimum(lengths[:, None] - 1)  # [S, L]
         nearest = []
-        for part in percepts.split(chunk):
-            distance = (part[:, None] - pool).square().sum(dim=2)  # [chunk, rows], squared
-            nearest.append(distance[:, rows].argmin(dim=2))
+        for part in percepts.split(max(1, _SEARCH_ELEMENTS // pool.numel())):
+            squared = (part[:, None] - pool).square().sum(dim=2)  # [part, rows]
+            nearest.append(squared[:, rows].argmin(dim=2))
         return torch.cat(nearest)
 
     def _starts(self) -> Tensor:
-        """First row of each sequence in the pool, int64 `[S]`."""
+        """Return the first row of each sequence in the pool, int64 `[S]`."""
         return self.lengths.cumsum(dim=0) - self.lengths
 
-    def _rows(self, schema: int) -> slice:
-        if not 0 <= schema < len(self):
-            raise ValueError(f"expected a schema from 0 to {len(self) - 1}, got {schema}")
-        start, length = int(self._starts()[schema]), int(self.lengths[schema])
-        return slice(start, start + length)
+    def _sequence(self, column: str, schema: int) -> Tensor:
+        index = check_index("a schema", schema, len(self))
+        return self.pool.live(column).split(self.lengths.tolist())[index]
 
 
-def _of_winner(winner: Tensor, values: Tensor, nobodys: float | bool) -> Tensor:
-    """The winner's of values `[T, S, ...]`, and `nobodys` where nobody wins, `[T, ...]`."""
-    chosen = values.new_full((len(winner), *values.shape[2:]), nobodys)
-    won = winner != NO_SCHEMA
-    chosen[won] = values[won, winner[won]]
+def _of_winner(winner: Tensor, values: Tensor, default: float | bool) -> Tensor:
+    """Return the winner's row of values `[T, S, ...]`, or the default without a winner."""
+    chosen = values.new_full((len(winner), *values.shape[2:]), default)
+    has_winner = winner != NO_SCHEMA
+    chosen[has_winner] = values[has_winner, winner[has_winner]]
     return chosen
 
 
-def _start_afresh(network: nn.Module, _incompatible_keys: object) -> None:
-    """Who won among the schemas that were here before means nothing among the loaded ones."""
+def _reset_after_load(network: nn.Module, _incompatible_keys: object) -> None:
+    # The index of the last winner means nothing among the loaded schemas.
     assert isinstance(network, SchemaNetwork)
     network.reset()

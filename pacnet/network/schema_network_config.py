@@ -1,4 +1,4 @@
-"""Every choice of the schema network in one place."""
+"""Settings of the schema network."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ class SchemaNetworkConfig:
 
     Attributes:
         percept_dimensions: length D of a percept.
-        target_dimensions: length A of an internal target.
-        scale: factor on each dimension of a percept before distances are taken, in 1/unit of that
-            dimension; None stands for ones.
+        target_dimensions: length A of a target.
+        scale: factor on each dimension of a percept before distances are computed, in 1/unit of
+            that dimension; None stands for ones.
         width: distance [scaled units] at which a confidence falls to 1/e.
         competition: the rules by which one of the schemas wins. Its threshold is also the
             confidence from which a schema's motor schema is active.
+
+    Raises:
+        ValueError: a field of another type or out of range.
     """
 
     percept_dimensions: int
@@ -31,27 +34,30 @@ class SchemaNetworkConfig:
     competition: CompetitionConfig = field(default_factory=CompetitionConfig)
 
     def __post_init__(self) -> None:
-        """Refuses values that have no meaning."""
-        if isinstance(self.scale, list):  # as JSON gives it
+        """Validate the fields and turn the scale into a tuple (JSON has lists)."""
+        if isinstance(self.scale, list):
             object.__setattr__(self, "scale", tuple(self.scale))
-        dimensions = self.percept_dimensions
-        check_fields(self, {"percept_dimensions": (is_integer(dimensions, 1), "≥ 1")})
+        dimensions, scale = self.percept_dimensions, self.scale
+        is_scale = scale is None or (
+            isinstance(scale, tuple)
+            and len(scale) == dimensions
+            and all(is_number(factor) and factor > 0 for factor in scale)
+        )
+        is_competition = isinstance(self.competition, CompetitionConfig)
         check_fields(
             self,
             {
+                "percept_dimensions": (is_integer(dimensions, 1), "≥ 1"),
                 "target_dimensions": (is_integer(self.target_dimensions, 1), "≥ 1"),
-                "scale": (self._scale_is_valid(), f"to be {dimensions} positive finite factors"),
+                "scale": (is_scale, f"to be {dimensions} positive finite factors"),
                 "width": (is_number(self.width) and self.width > 0, "> 0 and finite"),
-                "competition": (
-                    isinstance(self.competition, CompetitionConfig),
-                    "to be a CompetitionConfig",
-                ),
+                "competition": (is_competition, "to be a CompetitionConfig"),
             },
         )
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> SchemaNetworkConfig:
-        """Rebuilds what `dataclasses.asdict` gave, after JSON.
+        """Return the config from the output of `dataclasses.asdict`, after JSON.
 
         Raises:
             ValueError: a field is missing, unknown or out of range.
@@ -60,12 +66,3 @@ class SchemaNetworkConfig:
         if isinstance(competition, dict):
             fields = {**fields, "competition": rebuild_config(CompetitionConfig, competition)}
         return rebuild_config(cls, fields)
-
-    def _scale_is_valid(self) -> bool:
-        if self.scale is None:
-            return True
-        return (
-            isinstance(self.scale, tuple)
-            and len(self.scale) == self.percept_dimensions
-            and all(is_number(factor) and factor > 0 for factor in self.scale)
-        )

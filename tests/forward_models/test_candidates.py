@@ -1,93 +1,140 @@
-"""The choice among candidate actions: by hand, by the tensors a model has now, and what it refuses.
+"""The choice among candidate actions: by hand, against plain Python, and what it refuses.
 
-`test_forward_model.py` and `test_transition_matrix.py` are about what the models learn.
+`test_mlp.py` and `test_transition_matrix.py` test what the models learn.
 """
 
 from __future__ import annotations
 
 import copy
 import dataclasses
+import json
 import math
 import pickle
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from candidate_models import (
+    command_one_by_one,
+    command_rows,
+    hand_set,
+    random_model,
+    random_rows,
+    small_matrix,
+    snapshot,
+)
 from torch import Tensor, nn
 
 from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
-from pacnet.forward_models import kernels as compiled
+from pacnet.forward_models import kernels
 from pacnet.forward_models.mlp import MLPForwardModel, MLPForwardModelConfig
-from pacnet.forward_models.protocol import ForwardModel, OneStateForwardModel
+from pacnet.forward_models.protocol import Command, ForwardModel, OneStateForwardModel
 from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
 
-STATES, ACTIONS = 3, 2
+
+def test_three_members_make_a_forward_model():
+    class Mine:
+        action_dimensions = 1
+
+        def command(self, states: Tensor, targets: Tensor) -> Command:
+            return Command(targets - states, torch.ones(len(states), dtype=torch.bool))
+
+        def reset(self) -> None:
+            pass
+
+    assert isinstance(Mine(), ForwardModel)
+    assert isinstance(random_model(), ForwardModel)
+    assert isinstance(small_matrix(), ForwardModel)
+    assert not isinstance(torch.nn.Linear(1, 1), ForwardModel)
 
 
-def make(
-    hidden: tuple[int, ...] = (5,), number: int = 21, steps: int = 1, abstain_below: float = 0.0
-) -> MLPForwardModel:
-    """An untrained model with random candidates, normalisers and range."""
-    generator = torch.Generator().manual_seed(number)
-    candidates = torch.randn(number, ACTIONS, generator=generator).tolist()
-    config = MLPForwardModelConfig(
-        STATES, ACTIONS, candidates, hidden=hidden, steps=steps, abstain_below=abstain_below
-    )
-    model = MLPForwardModel(config, seed=1)
-    for name, buffer in model.named_buffers():
-        if name.endswith(("mean", "std")):
-            drawn = torch.rand(len(buffer), generator=generator, dtype=torch.float64)
-            buffer.copy_(drawn + 0.2 if name.endswith("std") else drawn - 0.5)
-    model.state_low.copy_(torch.tensor([-1.5, -1.0, -2.0]))
-    model.state_high.copy_(torch.tensor([1.5, 2.0, 1.0]))
-    with torch.no_grad():
-        for parameter in model.parameters():
-            parameter.add_(0.3 * torch.randn(parameter.shape, generator=generator))
-    return model
+def test_the_old_name_of_a_commands_field_warns():
+    action, has_action = torch.zeros(1, 1), torch.ones(1, dtype=torch.bool)
+    with pytest.warns(DeprecationWarning, match="given is now has_action"):
+        command = Command(action=action, given=has_action)
+    with pytest.warns(DeprecationWarning, match="given is now has_action"):
+        assert command.given is command.has_action is has_action
+    assert pickle.loads(pickle.dumps(command))._fields == ("action", "has_action")
 
 
-def hand_set(gain: float, candidates: tuple[float, ...], **fields: float) -> MLPForwardModel:
-    """From state x action a leads to x / 2 + gain × a, exact in float32."""
-    config = MLPForwardModelConfig(1, 1, tuple((a,) for a in candidates), hidden=(), **fields)
-    model = MLPForwardModel(config)
-    weights = {"weight": torch.tensor([[-0.5, gain]]), "bias": torch.zeros(1)}
-    model.network[0].load_state_dict(weights)
-    return model
+# The choice by hand: from state x, action a leads to x / 2 + gain × a.
 
 
-def matrix() -> TransitionMatrix:
-    return TransitionMatrix(TransitionMatrixConfig(1, 1, ((0.0,), (1.0,)), clusters=2))
+def test_costs_choice_and_spread_by_hand():
+    # gain 1, from 4: TURNS lead to 1, 2, 4. Their mean is 7/3 and they lie 4/3, 1/3, 5/3 from it.
+    selection = hand_set(1.0).select(torch.tensor([4.0]), torch.tensor([1.75]))
+    assert selection.costs.tolist() == [0.75, 0.25, 2.25]
+    assert (selection.index, selection.action.tolist()) == (1, [0.0])
+    assert selection.spread == pytest.approx(math.sqrt((16 + 1 + 25) / 9 / 3))
+    assert not selection.abstained
 
 
-def rows(number: int, seed: int = 0) -> Tensor:
-    return torch.randn(number, STATES, generator=torch.Generator().manual_seed(seed))
+def test_a_single_candidate_is_chosen_only_without_a_threshold():
+    for threshold, has_action in ((0.0, True), (1e-6, False)):
+        model = hand_set(1.0, ((2.0,),), abstain_below=threshold)
+        assert model.command(torch.zeros(1, 1), torch.zeros(1, 1)).has_action.tolist() == [
+            has_action
+        ]
 
 
-def answers(model: MLPForwardModel, states: Tensor, targets: Tensor) -> Tensor:
-    """What it commands, one row after the other, as `command` says it: NaN where it abstains."""
-    nothing = np.full(model.action_dimensions, np.nan, np.float32)
-    said = [model.command_one(*pair) for pair in zip(states.numpy(), targets.numpy(), strict=True)]
-    return torch.from_numpy(np.stack([nothing if action is None else action for action in said]))
+def test_a_command_is_a_selection_for_each_state():
+    model = hand_set(1.0, abstain_below=0.5)
+    model.network[0].weight.data[0, 1] = 0  # no effect of the action
+    halves = torch.tensor([[4.0], [-2.0], [0.5]])
+    assert not model.command(halves, halves).has_action.any()
+    model.network[0].weight.data[0, 1] = 1
+    command = model.command(halves, halves)
+    for row, state in enumerate(halves):
+        assert torch.equal(command.action[row], model.select(state, state).action)
+    assert command.action.tolist() == [[2.0], [-1.0], [0.0]]  # 4→2+2, −2→−1−1, ½→¼+0
 
 
-def commanded(model: MLPForwardModel, states: Tensor, targets: Tensor) -> Tensor:
-    like = model.candidates
-    return model.command(states.to(like), targets.to(like)).action.float()
+def test_ties_go_to_the_lowest_index():
+    # From 0 the candidates lead to 3, 1, −1, 1: all but the first are at distance 1 from 0.
+    model = hand_set(1.0, ((3.0,), (1.0,), (-1.0,), (1.0,)))
+    assert model.select(torch.zeros(1), torch.zeros(1)).index == 1
+    assert model.command_one(np.zeros(1, np.float32), np.zeros(1, np.float32)) == [1.0]
+    offered = torch.tensor([[-1.0], [1.0], [1.0]])
+    assert model.select(torch.zeros(1), torch.ones(1), offered).index == 1
 
 
-def snapshot(model: nn.Module) -> dict[str, Tensor]:
-    return {name: tensor.clone() for name, tensor in model.state_dict().items()}
+@pytest.mark.parametrize(("threshold", "abstains"), [(0.25, False), (0.2500001, True), (0, False)])
+def test_it_abstains_exactly_when_the_spread_is_below_the_threshold(threshold, abstains):
+    # From 8, ±1 at gain 1/4 lead to 4 ± 1/4: a spread of 1/4; the target 3 is nearer to the lower.
+    model = hand_set(0.25, ((1.0,), (-1.0,)), abstain_below=threshold)
+    state, target = torch.tensor([8.0]), torch.tensor([3.0])
+    selection = model.select(state, target)
+    assert selection.spread == 0.25
+    assert selection.abstained == abstains
+    assert selection.action.tolist() == [-1.0]  # the nearest one also if the model abstains
+    command = model.command(state[None], target[None])
+    assert command.has_action.tolist() == [not abstains]
+    assert command.action.isnan().tolist() == [[abstains]]
+    assert model.command_one(state, target) == (None if abstains else [-1.0])
 
 
-# The choice, against plain Python.
+def test_an_action_is_held_for_all_steps_within_the_range():
+    # From 8 through 4 + a to 2 + 3a / 2, or, not above 4, through 4 to 2 + a for a > 0.
+    model = hand_set(1.0, ((-1.0,), (0.0,), (0.5,), (1.0,)), steps=2)
+    state, target = np.float32([8.0]), np.float32([2.75])
+    assert model.command_one(state, target) == [0.5]
+    model.state_high.fill_(4)
+    assert model.command_one(state, np.float32([2.625])) == [0.5]
+    assert model.command_one(state, np.float32([2.875])) == [1.0]
 
 
-def led_to(model: MLPForwardModel, state: list[float], action: list[float]) -> list[float]:
-    """Where an action leads, number by number in float64."""
+# The choice against plain Python.
+
+
+def plain_prediction(
+    model: MLPForwardModel, state: list[float], action: list[float]
+) -> list[float]:
+    """The state after an action, number by number in float64."""
     value = {name: buffer.tolist() for name, buffer in model.named_buffers()}
     layers = [(layer.weight.tolist(), layer.bias.tolist()) for layer in model.network[::2]]
     for _ in range(model.config.steps):
@@ -110,7 +157,7 @@ def expected(
 ) -> tuple[Tensor, list[float], float]:
     """The action, or NaN, the costs and the spread."""
     candidates = model.candidates.tolist()
-    after = [led_to(model, state.tolist(), action) for action in candidates]
+    after = [plain_prediction(model, state.tolist(), action) for action in candidates]
     costs = [math.dist(place, target.tolist()) for place in after]
     mean = [sum(column) / len(after) for column in zip(*after, strict=True)]
     spread = math.sqrt(sum(math.dist(place, mean) ** 2 for place in after) / len(after))
@@ -120,10 +167,10 @@ def expected(
 
 
 def assert_chosen(model: MLPForwardModel, states: Tensor, targets: Tensor) -> Tensor:
-    """That it chooses as plain Python does, but where costs, or spread and threshold, are equal."""
-    chosen = answers(model, states, targets)
+    """Compare with plain Python, unless costs, or spread and threshold, are nearly equal."""
+    chosen = command_one_by_one(model, states, targets)
     torch.testing.assert_close(
-        chosen, commanded(model, states, targets), rtol=0, atol=0, equal_nan=True
+        chosen, command_rows(model, states, targets), rtol=0, atol=0, equal_nan=True
     )
     for row, (state, target) in enumerate(zip(states, targets, strict=True)):
         action, costs, spread = expected(model, state, target)
@@ -140,306 +187,70 @@ def assert_chosen(model: MLPForwardModel, states: Tensor, targets: Tensor) -> Te
 @pytest.mark.parametrize("hidden", [(), (5,), (33, 18), (3, 1, 18, 7)])
 @pytest.mark.parametrize(("number", "steps"), [(1, 1), (21, 3), (24, 1), (70, 2)])
 def test_it_chooses_as_plain_python_does(hidden, number, steps):
-    model = make(hidden, number, steps)
-    chosen = assert_chosen(model, rows(25), rows(25, seed=1))
+    model = random_model(hidden, number, steps)
+    chosen = assert_chosen(model, random_rows(25), random_rows(25, seed=1))
     assert number == 1 or len(chosen.unique(dim=0)) > 3
 
 
 @pytest.mark.parametrize("hidden", [(), (9, 9)])
 def test_it_abstains_where_plain_python_does(hidden):
-    model = make(hidden, steps=2)
-    states, targets = rows(60), rows(60, seed=1)
+    model = random_model(hidden, steps=2)
+    states, targets = random_rows(60), random_rows(60, seed=1)
     spreads = torch.tensor([model.select(*p).spread for p in zip(states, targets, strict=True)])
     model.config = dataclasses.replace(model.config, abstain_below=float(spreads.median()))
     assert 20 < assert_chosen(model, states, targets).isnan().all(dim=1).sum() < 40
 
 
-def test_what_torch_predicts_is_chosen_from_alike():
-    model, replaced = make((64, 64), steps=3), make((64, 64), steps=3)
-    replaced.network = nn.Sequential(replaced.network)  # of which kernels know nothing
-    states, targets = rows(200), rows(200, seed=1)
-    same = (answers(model, states, targets) == answers(replaced, states, targets)).all(dim=1)
+def test_torch_and_the_kernel_choose_the_same():
+    model, replaced = random_model((64, 64), steps=3), random_model((64, 64), steps=3)
+    replaced.network = nn.Sequential(replaced.network)  # not supported by the kernel
+    states, targets = random_rows(200), random_rows(200, seed=1)
+    same = (
+        command_one_by_one(model, states, targets) == command_one_by_one(replaced, states, targets)
+    ).all(dim=1)
     assert same.sum() >= 199  # float32 rounding may decide one
     torch.testing.assert_close(
         model.select(states[0], targets[0]).costs, replaced.select(states[0], targets[0]).costs
     )
 
 
-def test_equal_costs_go_to_the_first_candidate():
-    # From 0 they lead to 3, 1, −1, 1, all but the first at distance 1 from 0.
-    model = hand_set(1.0, (3.0, 1.0, -1.0, 1.0))
-    assert model.command_one(np.zeros(1, np.float32), np.zeros(1, np.float32)) == [1.0]
-
-
-@pytest.mark.parametrize(("threshold", "action"), [(0.25, -1.0), (0.2500001, None), (0, -1.0)])
-def test_it_abstains_exactly_when_predictions_are_closer_than_the_threshold(threshold, action):
-    # From 8, ±1 at gain 1/4 lead to 4 ± 1/4: a spread of 1/4; the target 3 is nearer to the lower.
-    model = hand_set(0.25, (1.0, -1.0), abstain_below=threshold)
-    assert model.command_one(np.float32([8.0]), np.float32([3.0])) == action
-
-
-def test_an_action_is_held_for_all_steps_within_the_range():
-    # From 8 through 4 + a to 2 + 3a / 2, or, not above 4, through 4 to 2 + a for a > 0.
-    model = hand_set(1.0, (-1.0, 0.0, 0.5, 1.0), steps=2)
-    state, target = np.float32([8.0]), np.float32([2.75])
-    assert model.command_one(state, target) == [0.5]
-    model.state_high.fill_(4)
-    assert model.command_one(state, np.float32([2.625])) == [0.5]
-    assert model.command_one(state, np.float32([2.875])) == [1.0]
-
-
 @pytest.mark.parametrize("scale", [1e3, 1e30])
-def test_saturated_networks_choose_what_leads_nearest_and_overflowing_ones_nothing(scale):
-    model = make((7, 6))
+def test_saturated_networks_still_choose_and_overflowing_ones_abstain(scale):
+    model = random_model((7, 6))
     with torch.no_grad():
         model.network[2].weight.mul_(scale)
-    for state, target in zip(rows(20) * scale, rows(20, seed=1), strict=True):
+    for state, target in zip(random_rows(20) * scale, random_rows(20, seed=1), strict=True):
         selection = model.select(state, target)
         if scale == 1e3:  # the range bounds the predictions
             assert selection.costs.isfinite().all()
         if selection.costs.isfinite().any():
             assert selection.index == selection.costs.argmin()
-        else:  # infinity less infinity on the way
+        else:  # infinity minus infinity
             assert selection.abstained
             assert model.command_one(state, target) is None
 
 
 def test_a_prediction_that_is_not_a_number_is_not_chosen():
-    model = hand_set(1.0, (2.0, 1.0, 0.0))
+    model = hand_set(1.0, ((2.0,), (1.0,), (0.0,)))
     model.candidates[0] = math.nan
     model.network = nn.Sequential(model.network)
     after = model.outcomes(torch.zeros(1, 1), model.candidates)
     assert after.isnan().flatten().tolist() == [True, False, False]
-    best, costs, spread, abstained = compiled.choose(
+    best, costs, spread, abstained = kernels.choose(
         after[0].detach().double().numpy(), np.array([2.0]), 0.0
     )
     assert (best, costs.tolist(), spread, abstained) == (1, [math.inf, 1.0, 2.0], 0.5, False)
 
 
-# It answers by the tensors that the model has now.
+# One state at a time, other types and devices.
 
 
-def learn(model: MLPForwardModel) -> None:
-    states = rows(100)
-    actions = torch.randn(100, ACTIONS, generator=torch.Generator().manual_seed(9))
-    model.fit(states, actions, states - 0.5 * actions[:, [0, 1, 0]], seed=0)
-
-
-def descend(model: MLPForwardModel) -> None:
-    optimiser = torch.optim.SGD(model.parameters(), lr=1.0)
-    model(rows(21), model.candidates).sum().backward()
-    optimiser.step()
-
-
-def write_data(model: MLPForwardModel) -> None:
-    model.network[2].bias.data[0] -= 3
-
-
-def transpose_in_place(model: MLPForwardModel) -> None:
-    model.network[0].weight.data = model.network[0].weight.data.T  # of 5 inputs and 5 outputs
-
-
-def replace_candidates(model: MLPForwardModel) -> None:
-    model.candidates = model.candidates[:7] + 1
-
-
-def cut_candidates_in_place(model: MLPForwardModel) -> None:
-    model.candidates.data = model.candidates.data[:7]
-
-
-def replace_weight(model: MLPForwardModel) -> None:
-    model.network[0].weight = nn.Parameter(-model.network[0].weight.detach())
-
-
-def replace_network(model: MLPForwardModel) -> None:
-    model.network = make((9, 4), number=3).network
-
-
-def replace_config(model: MLPForwardModel) -> None:
-    model.config = dataclasses.replace(model.config, steps=4)
-
-
-def replace_normaliser(model: MLPForwardModel) -> None:
-    model.change_mean = model.change_mean.float() - 1
-
-
-def drop_bias(model: MLPForwardModel) -> None:
-    model.network[2].register_parameter("bias", None)
-
-
-def parametrize(model: MLPForwardModel) -> None:
-    class Negative(nn.Module):
-        def forward(self, weight: Tensor) -> Tensor:
-            return -weight
-
-    nn.utils.parametrize.register_parametrization(model.network[2], "weight", Negative())
-
-
-CHANGES = [
-    learn,
-    descend,
-    write_data,
-    transpose_in_place,
-    replace_candidates,
-    cut_candidates_in_place,
-    replace_weight,
-    replace_network,
-    replace_config,
-    replace_normaliser,
-    drop_bias,
-    parametrize,
-    lambda model: model.load_state_dict(make(number=8).state_dict()),
-    lambda model: model.state_mean.add_(1),
-    lambda model: model.state_high.fill_(0),
-    lambda model: model.network.__setitem__(1, nn.Tanh()),
-    lambda model: model.network.append(nn.SiLU()),
-    lambda model: model.double().network[2].bias.data.sub_(3),
-    lambda model: model.double().half().float().network[2].bias.data.sub_(3),
-]
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_whatever_changes_changes_the_next_command(change: Callable[[MLPForwardModel], object]):
-    model = make()
-    states, targets = rows(40), rows(40, seed=1)
-    before = answers(model, states, targets)
-    twin = copy.deepcopy(model)
-    change(model)
-    after = answers(model, states, targets)
-    assert not torch.equal(before, after)
-    like = model.candidates
-    wrapped = copy.deepcopy(model)
-    wrapped.network = nn.Sequential(wrapped.network)  # what torch says, whatever the network is
-    torch.testing.assert_close(after, commanded(wrapped, states.to(like), targets.to(like)))
-    assert torch.equal(answers(twin, states, targets), before)
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))])
-def test_a_copy_goes_its_own_way(copied):
-    model = make()
-    states, targets = rows(40), rows(40, seed=1)
-    before = answers(model, states, targets)
-    twin = copied(model)
-    assert torch.equal(answers(twin, states, targets), before)
-    write_data(twin)
-    assert not torch.equal(answers(twin, states, targets), before)
-    assert torch.equal(answers(model, states, targets), before)
-
-
-def test_a_functional_call_uses_the_tensors_it_is_given():
-    class Acting(nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            self.body = hand_set(1.0, (1.0, 2.0))
-
-        def forward(self, state: Any, target: Any) -> Any:
-            return self.body.command_one(state, target)
-
-    acting, row = Acting(), (np.float32([0.0]), np.float32([2.0]))
-    assert acting(*row) == [2.0]
-    other = {"body.network.0.weight": torch.tensor([[-0.5, -1.0]])}  # to −1 and −2
-    assert torch.func.functional_call(acting, other, row) == [1.0]
-    with pytest.raises(RuntimeError, match="shape"):  # torch's own
-        torch.func.functional_call(acting, {"body.network.0.weight": torch.zeros(1, 3)}, row)
-    assert acting(*row) == [2.0]
-
-
-# What does not fit together is refused before a kernel sees it.
-
-
-def shrink_config(model: MLPForwardModel) -> None:
-    model.config = dataclasses.replace(model.config, state_dimensions=2)
-
-
-def cut(name: str) -> Callable[[MLPForwardModel], None]:
-    def change(model: MLPForwardModel) -> None:
-        setattr(model, name, model.get_buffer(name)[:0])
-
-    return change
-
-
-def end_elsewhere(model: MLPForwardModel) -> None:
-    model.network = make((5, 4)).network[:3]  # ends with four states, not three
-
-
-def cut_weight_in_place(model: MLPForwardModel) -> None:
-    model.network[0].weight.data = model.network[0].weight.data[:2]
-
-
-def lose_dimensions(model: MLPForwardModel) -> None:
-    model.candidates = model.candidates[0, 0]
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        shrink_config,
-        cut("candidates"),
-        cut("state_mean"),
-        end_elsewhere,
-        cut_weight_in_place,
-        lose_dimensions,
-    ],
-)
-@pytest.mark.parametrize("warm", [False, True])
-def test_tensors_that_do_not_fit_are_refused(change, warm):
-    model = make()
-    state, target = rows(2).numpy()
-    if warm:
-        model.command_one(state, target)
-    change(model)
-    for refused in (
-        lambda: model.command_one(state, target),
-        lambda: model.command(rows(1), rows(1)),
-        lambda: model.select(rows(1)[0], rows(1)[0]),
-    ):
-        with pytest.raises((ValueError, RuntimeError), match=r"expected|size|shape"):
-            refused()
-
-
-@pytest.mark.parametrize("bytes_left", [0, 8])
-@pytest.mark.parametrize("name", ["network.0.weight", "state_std", "candidates"])
-def test_a_tensor_whose_memory_was_taken_away_is_refused(name, bytes_left):
-    model = make()
-    tensor = model.get_buffer(name) if "." not in name else model.get_parameter(name)
-    tensor.untyped_storage().resize_(bytes_left)
-    with pytest.raises(ValueError, match=f"expected the memory of .* got {bytes_left} bytes"):
-        model.command_one(*rows(2).numpy())
-
-
-def test_memory_that_a_kernel_reads_cannot_be_taken_away():
-    model = make()
-    model.command_one(*rows(2).numpy())
-    with pytest.raises(RuntimeError, match="not resizable"):
-        model.network[0].weight.untyped_storage().resize_(0)
-
-
-def test_an_answer_is_the_callers_own():
-    model = hand_set(1.0, (1.0, 2.0))
+def test_a_returned_action_is_a_copy():
+    model = hand_set(1.0, ((1.0,), (2.0,)))
     state, target = np.float32([0.0]), np.float32([2.0])
     model.command_one(state, target)[:] = 7
     assert model.command_one(state, target) == [2.0]
     assert (state, target) == ([0.0], [2.0])
-
-
-def test_any_layout_is_taken_and_nothing_is_compiled_for_it():
-    model = make(abstain_below=0)
-    state, target = rows(1)[0].numpy(), rows(1, seed=1)[0].numpy()
-    wanted = model.command_one(state, target).tolist()
-    signatures = len(compiled.decide.signatures)
-    fixed = state.copy()
-    fixed.flags.writeable = False
-    spaced = np.repeat(state, 2)[::2]
-    odd = np.zeros(4 * STATES + 1, np.uint8)[1:].view(np.float32)
-    odd[:] = state
-    for given in (fixed, spaced, odd, torch.from_numpy(state), nn.Parameter(torch.tensor(state))):
-        assert model.command_one(given, target).tolist() == wanted
-    assert model.command_one(state, np.stack([target] * 2, axis=1)[:, 1]).tolist() == wanted
-    columns = torch.stack([torch.from_numpy(state)] * 2, dim=1).T  # [2, S], strided
-    assert (
-        model.command(columns, torch.from_numpy(target).expand(2, -1)).action[0].tolist() == wanted
-    )
-    assert len(compiled.decide.signatures) == signatures
 
 
 @pytest.mark.parametrize(
@@ -456,42 +267,42 @@ def test_any_layout_is_taken_and_nothing_is_compiled_for_it():
 )
 def test_a_bad_row_is_refused(state, target, message):
     with pytest.raises(ValueError, match=message):
-        make().command_one(state, target)
+        random_model().command_one(state, target)
 
 
-def test_an_infinite_state_is_refused_even_if_what_follows_is_finite():
-    model = hand_set(1.0, (1.0, 2.0))
+def test_an_infinite_state_is_refused_even_if_its_prediction_is_finite():
+    model = hand_set(1.0, ((1.0,), (2.0,)))
     model.network[0].weight.data[0, 0] = 0.5
-    model.state_high.fill_(4)  # where all beyond it ends up
+    model.state_high.fill_(4)  # so that the predicted state is finite
     with pytest.raises(ValueError, match="expected finite states"):
         model.command_one(np.float32([math.inf]), np.float32([1.0]))
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float16])
 def test_a_model_in_another_dtype_still_takes_and_gives_float32(dtype):
-    model, single = make().to(dtype), make()
-    states, targets = rows(20), rows(20, seed=1)
-    chosen = answers(model, states, targets)
+    model, single = random_model().to(dtype), random_model()
+    states, targets = random_rows(20), random_rows(20, seed=1)
+    chosen = command_one_by_one(model, states, targets)
     assert chosen.dtype == torch.float32
-    near = (chosen - answers(single, states, targets)).abs().amax(dim=1) < 1e-3
+    near = (chosen - command_one_by_one(single, states, targets)).abs().amax(dim=1) < 1e-3
     assert near.sum() >= 19
 
 
-def test_a_model_that_commands_one_says_so():
-    assert isinstance(make(), OneStateForwardModel)
-    assert isinstance(matrix(), ForwardModel)
-    assert not isinstance(matrix(), OneStateForwardModel)
+def test_only_the_mlp_is_a_one_state_forward_model():
+    assert isinstance(random_model(), OneStateForwardModel)
+    assert isinstance(small_matrix(), ForwardModel)
+    assert not isinstance(small_matrix(), OneStateForwardModel)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-@pytest.mark.parametrize("model", [make(), matrix()])
-def test_on_a_gpu_it_chooses_as_on_the_cpu_and_answers_there(model):
+@pytest.mark.parametrize("model", [random_model(), small_matrix()])
+def test_on_a_gpu_it_chooses_as_on_the_cpu(model):
     columns = model.config.state_dimensions
-    states, targets = (rows(50, seed)[:, :columns] for seed in (0, 1))
+    states, targets = (random_rows(50, seed)[:, :columns] for seed in (0, 1))
     here, there = model.command(states, targets), copy.deepcopy(model).cuda()
     command = there.command(states.cuda(), targets.cuda())
     assert command.action.is_cuda
-    assert command.given.is_cuda
+    assert command.has_action.is_cuda
     same = (command.action.cpu().nan_to_num() == here.action.nan_to_num()).all(dim=1)
     assert same.sum() >= 49
     selection = there.select(states[0].cuda(), targets[0].cuda())
@@ -499,11 +310,82 @@ def test_on_a_gpu_it_chooses_as_on_the_cpu_and_answers_there(model):
     assert selection.costs.is_cuda
 
 
+# Invalid input.
+
+
+def both_models() -> tuple[MLPForwardModel, TransitionMatrix]:
+    mlp, matrix = (
+        config(2, 2, ((0.0, 0.0),)) for config in (MLPForwardModelConfig, TransitionMatrixConfig)
+    )
+    return MLPForwardModel(mlp), TransitionMatrix(matrix)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((torch.zeros(3), torch.zeros(2)), r"expected states .* got shape \[1, 3\]"),
+        ((torch.zeros(2), torch.zeros(1, 2)), r"expected target .* got shape \[1, 1, 2\]"),
+        ((torch.zeros(2), [0.0, 0.0]), "expected target .* got list"),
+        ((None, torch.zeros(2)), "expected states .* got NoneType"),
+        ((torch.zeros(2), torch.full((2,), math.inf)), "expected finite target"),
+        ((torch.zeros(2), torch.zeros(2), torch.zeros(4, 1)), "expected candidates .*4, 1"),
+        ((torch.zeros(2), torch.zeros(2), torch.zeros(0, 2)), "candidates .* got an empty one"),
+    ],
+)
+def test_a_selection_refuses_bad_input(arguments, message):
+    for model in both_models():
+        with pytest.raises(ValueError, match=message):
+            model.select(*arguments)
+
+
+def test_unequal_numbers_of_rows_are_refused():
+    for model in both_models():
+        for verb in (model.command, model.predict):
+            with pytest.raises(ValueError, match="expected equally many rows"):
+                verb(torch.zeros(2, 2), torch.zeros(1, 2))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("state_dimensions", 0, "state_dimensions ≥ 1, got 0"),
+        ("action_dimensions", 1.0, "action_dimensions ≥ 1, got 1.0"),
+        ("candidates", (), "candidates to be one or more actions"),
+        ("candidates", ((0.0,), (0.0, 1.0)), "candidates to be"),
+        ("candidates", ((math.nan, 0.0),), "candidates to be"),
+        ("candidates", "ab", "candidates to be"),
+        ("steps", 0, "steps ≥ 1, got 0"),
+        ("abstain_below", -0.1, "abstain_below ≥ 0 and finite, got -0.1"),
+        ("abstain_below", math.nan, "abstain_below ≥ 0"),
+        ("hidden", (8, 0), "hidden to be a tuple of widths ≥ 1"),
+        ("hidden", 64, "hidden to be"),
+        ("clusters", 0, "clusters ≥ 1, got 0"),
+    ],
+)
+def test_a_bad_config_is_refused(field, value, message):
+    sound = {"state_dimensions": 1, "action_dimensions": 2, "candidates": ((0.0, 0.0),)}
+    for kind in (MLPForwardModelConfig, TransitionMatrixConfig):
+        assert kind(**sound).candidates == ((0.0, 0.0),)
+        if field in kind.__dataclass_fields__:
+            with pytest.raises(ValueError, match=f"{kind.__name__}.{message}"):
+                kind(**sound | {field: value})
+
+
+def test_a_config_survives_json():
+    for config in (
+        MLPForwardModelConfig(1, 2, ((0.0, 1.0), (2, 3)), hidden=(8, 4), steps=3),
+        TransitionMatrixConfig(1, 2, [[0, 1], [2, 3]], clusters=5),
+    ):
+        again = type(config)(**json.loads(json.dumps(asdict(config))))
+        assert again == config
+        assert hash(again) == hash(config)
+
+
 # Loading is all or nothing.
 
 
-def another(model: nn.Module) -> dict[str, Tensor]:
-    """A state with other values everywhere, and sound."""
+def other_state(model: nn.Module) -> dict[str, Tensor]:
+    """A valid state with other values everywhere."""
     return {name: tensor + 1 for name, tensor in model.state_dict().items()}
 
 
@@ -512,14 +394,14 @@ def changed(name: str, change: Callable[[Tensor], Any]) -> Callable[[dict[str, T
 
 
 LAST = {"mlp": "network.2.bias", "matrix": "counts"}  # the last one that is copied
-SPOILT = {
+WRONG_FORM = {
     "missing": lambda state, last: state.pop(last),
     "extra": lambda state, _: state.update(more=torch.zeros(1)),
     "misshapen": lambda state, last: state.update({last: state[last][None]}),
     "another kind": lambda state, last: state.update({last: state[last].bool()}),
     "not a tensor": lambda state, last: state.update({last: state[last].tolist()}),
 }
-MEANINGLESS = [
+INVALID = [
     ("mlp", changed("network.2.bias", lambda tensor: tensor * math.nan), "finite network.2.bias"),
     ("mlp", changed("state_low", lambda tensor: tensor * math.inf), "finite state_low"),
     ("mlp", changed("change_std", torch.zeros_like), "change_std > 0"),
@@ -538,19 +420,19 @@ def assert_refused(model: nn.Module, state: dict[str, Any], message: str) -> Non
 
 
 @pytest.mark.parametrize("kind", ["mlp", "matrix"])
-@pytest.mark.parametrize("spoil", SPOILT)
-def test_a_state_of_another_form_is_refused_and_nothing_loaded(kind, spoil):
-    model: nn.Module = make() if kind == "mlp" else matrix()
-    state = another(model)
-    SPOILT[spoil](state, LAST[kind])
+@pytest.mark.parametrize("spoil", WRONG_FORM)
+def test_tensors_of_another_form_are_refused_and_nothing_is_loaded(kind, spoil):
+    model: nn.Module = random_model() if kind == "mlp" else small_matrix()
+    state = other_state(model)
+    WRONG_FORM[spoil](state, LAST[kind])
     assert_refused(model, state, f"the tensors of|{LAST[kind]} of")
-    model.load_state_dict(another(model))
+    model.load_state_dict(other_state(model))
 
 
-@pytest.mark.parametrize(("kind", "spoil", "message"), MEANINGLESS)
-def test_a_state_that_means_nothing_is_refused_and_nothing_loaded(kind, spoil, message, tmp_path):
-    model: Any = make() if kind == "mlp" else matrix()
-    state = another(model)
+@pytest.mark.parametrize(("kind", "spoil", "message"), INVALID)
+def test_invalid_values_are_refused_and_nothing_is_loaded(kind, spoil, message, tmp_path):
+    model: Any = random_model() if kind == "mlp" else small_matrix()
+    state = other_state(model)
     spoil(state)
     assert_refused(model, state, message)
     parent = nn.ModuleDict({"body": model})
@@ -561,8 +443,8 @@ def test_a_state_that_means_nothing_is_refused_and_nothing_loaded(kind, spoil, m
         type(model).from_pretrained(tmp_path)
 
 
-def test_a_part_of_a_state_can_be_loaded_if_asked_for():
-    model = make()
+def test_part_of_a_state_can_be_loaded_if_not_strict():
+    model = random_model()
     model.load_state_dict({"state_mean": torch.ones(3), "more": torch.zeros(1)}, strict=False)
     assert model.state_mean.tolist() == [1.0] * 3
 
@@ -570,16 +452,16 @@ def test_a_part_of_a_state_can_be_loaded_if_asked_for():
 @pytest.mark.parametrize(
     ("model", "fields", "named"),
     [
-        (make(), {"state_dimensions": 10**7}, "(network|state)"),
-        (make(), {"hidden": [10**9]}, "network"),
-        (make(), {"hidden": [10**12, 10**12]}, "sizes"),
-        (make(), {"hidden": [10**30]}, "sizes"),
-        (matrix(), {"state_dimensions": 10**9}, "centroids"),
-        (matrix(), {"clusters": 10**8}, "(centroids|counts)"),
-        (matrix(), {"clusters": 10**12}, "sizes"),
+        (random_model(), {"state_dimensions": 10**7}, "(network|state)"),
+        (random_model(), {"hidden": [10**9]}, "network"),
+        (random_model(), {"hidden": [10**12, 10**12]}, "sizes"),
+        (random_model(), {"hidden": [10**30]}, "sizes"),
+        (small_matrix(), {"state_dimensions": 10**9}, "centroids"),
+        (small_matrix(), {"clusters": 10**8}, "(centroids|counts)"),
+        (small_matrix(), {"clusters": 10**12}, "sizes"),
     ],
 )
-def test_sizes_that_a_config_only_declares_take_no_memory(model, fields, named, tmp_path):
+def test_a_config_with_huge_sizes_is_refused_before_memory_is_taken(model, fields, named, tmp_path):
     model.save_pretrained(tmp_path)
     config, tensors = read_checkpoint(tmp_path)
     write_checkpoint(tmp_path, config | fields, tensors)
@@ -587,16 +469,13 @@ def test_sizes_that_a_config_only_declares_take_no_memory(model, fields, named, 
         type(model).from_pretrained(tmp_path)
 
 
-# Acting beside fitting.
-
-
-def test_who_acts_beside_a_fit_knows_all_of_the_old_or_all_of_the_new():
-    candidates = (0.0, 1.0, 2.0, 7.0)
+def test_during_a_load_a_command_uses_all_old_or_all_new_tensors():
+    candidates = ((0.0,), (1.0,), (2.0,), (7.0,))
     old, new, acting = (hand_set(1.0, candidates, steps=200) for _ in range(3))
     new.network[0].weight.data[0, 1] = -1
     new.action_mean.fill_(3)
-    # In the end the old leads to 2a, so for 4 it takes 2, and the new to 2 (3 - a), so 1. Half of
-    # each would lead to -2a or 2 (a - 3), so to 0 or 7.
+    # The old model leads to 2a in the end, so for 4 it chooses 2; the new one to 2 (3 - a), so 1.
+    # A mixture of both would lead to -2a or 2 (a - 3), and choose 0 or 7.
     states, row = (old.state_dict(), new.state_dict()), (np.float32([0.0]), np.float32([4.0]))
     stop, interval = threading.Event(), sys.getswitchinterval()
 

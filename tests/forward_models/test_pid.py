@@ -181,7 +181,7 @@ def test_a_command_is_a_step_with_angles_and_velocities_side_by_side():
     first, second = pid.command(states, targets), pid.command(states, targets)
     assert first.action.tolist() == [[10.0, 12.5]]
     assert second.action.tolist() == [[12.0, 14.5]]
-    assert first.given.tolist() == [True]
+    assert first.has_action.tolist() == [True]
     pid.reset()
     assert pid.command(states, targets).action.tolist() == [[10.0, 12.5]]
 
@@ -290,14 +290,14 @@ def test_step_refuses_what_forward_refuses(angles, steps):
         ("dt", 0.0, "PIDConfig.dt > 0"),
         ("integral_limit", 0.0, "PIDConfig.integral_limit > 0"),
         ("torque_limit", math.nan, "PIDConfig.torque_limit > 0"),
-        ("kp", "12", "PIDConfig.kp to be a tuple of floats, got '12'"),
-        ("kp", None, "PIDConfig.kp to be a tuple of floats, got None"),
-        ("ki", 2.0, "PIDConfig.ki to be a tuple of floats, got 2.0"),
-        ("kd", ("1",), r"PIDConfig.kd to be a tuple of floats, got \('1',\)"),
-        ("kd", (None,), r"PIDConfig.kd to be a tuple of floats, got \(None,\)"),
-        ("dt", "0.01", "PIDConfig.dt to be a float, got '0.01'"),
-        ("integral_limit", None, "PIDConfig.integral_limit to be a float, got None"),
-        ("torque_limit", (1.0,), r"PIDConfig.torque_limit to be a float, got \(1.0,\)"),
+        ("kp", "12", "PIDConfig.kp to be one finite gain .*, got '12'"),
+        ("kp", None, "PIDConfig.kp to be one finite gain .*, got None"),
+        ("ki", 2.0, "PIDConfig.ki to be one finite gain .*, got 2.0"),
+        ("kd", ("1",), r"PIDConfig.kd to be one finite gain .*, got \('1',\)"),
+        ("kd", (None,), r"PIDConfig.kd to be one finite gain .*, got \(None,\)"),
+        ("dt", "0.01", "PIDConfig.dt > 0 and finite .*, got '0.01'"),
+        ("integral_limit", None, "PIDConfig.integral_limit > 0 .*, got None"),
+        ("torque_limit", (1.0,), r"PIDConfig.torque_limit > 0 .*, got \(1.0,\)"),
     ],
 )
 def test_bad_config_is_refused(field, value, message):

@@ -9,7 +9,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from pacnet.forward_models.kmeans import _means, kmeans
 from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
 
 LEFT, RIGHT = -1.0, 1.0
@@ -81,7 +80,7 @@ def test_the_expected_state_decides():
     assert selection.spread == pytest.approx(5.0)  # 0 and 10 lie 5 from their mean
     assert not selection.abstained
     command = model.command(torch.tensor([[0.5], [9.0]]), torch.tensor([[4.0], [12.0]]))
-    assert command.given.tolist() == [True, True]
+    assert command.has_action.tolist() == [True, True]
     assert command.action.tolist() == [[LEFT], [RIGHT]]
 
 
@@ -92,17 +91,17 @@ def test_what_was_never_tried_is_not_chosen_and_one_action_is_no_choice():
     assert selection.costs.tolist() == pytest.approx([15 - MIDDLE, math.inf])
     assert (selection.index, selection.spread, selection.abstained) == (0, 0.0, True)
     command = model.command(torch.tensor([[21.0], [0.0]]), torch.tensor([[30.0], [0.0]]))
-    assert command.given.tolist() == [False, True]
+    assert command.has_action.tolist() == [False, True]
     assert command.action.isnan().tolist() == [[True], [False]]
     predicted = model.predict(torch.tensor([[21.0], [21.0]]), torch.tensor([[LEFT], [RIGHT]]))
     assert predicted.flatten().tolist() == pytest.approx([15 + MIDDLE, math.nan], nan_ok=True)
 
 
-@pytest.mark.parametrize(("threshold", "given"), [(5.0, True), (5.001, False)])
-def test_it_abstains_exactly_when_predictions_are_closer_than_the_threshold(threshold, given):
+@pytest.mark.parametrize(("threshold", "has_action"), [(5.0, True), (5.001, False)])
+def test_it_abstains_exactly_when_the_spread_is_below_the_threshold(threshold, has_action):
     # From 0 they are expected at 0 and 10, plus the same eighth: a spread of 5, exact in binary.
     command = matrix(abstain_below=threshold).command(torch.zeros(1, 1), torch.zeros(1, 1))
-    assert command.given.tolist() == [given]
+    assert command.has_action.tolist() == [has_action]
 
 
 def test_other_candidates_count_as_the_nearest_of_the_configs():
@@ -150,12 +149,12 @@ def test_more_steps_are_powers_of_the_matrix():
         np.testing.assert_allclose(after.numpy(), expected, rtol=1e-12)
 
 
-def test_untaught_it_abstains_everywhere():
+def test_before_a_fit_it_abstains_everywhere():
     model = TransitionMatrix(TransitionMatrixConfig(2, 1, ((LEFT,), (RIGHT,)), abstain_below=0.0))
     selection = model.select(torch.zeros(2), torch.zeros(2))
     assert selection.costs.tolist() == [math.inf, math.inf]
     assert (selection.index, selection.abstained) == (0, True)
-    assert not model.command(torch.zeros(3, 2), torch.zeros(3, 2)).given.any()
+    assert not model.command(torch.zeros(3, 2), torch.zeros(3, 2)).has_action.any()
 
 
 def test_the_seed_decides_every_draw():
@@ -172,33 +171,6 @@ def test_the_seed_decides_every_draw():
     assert torch.equal(found[0].centroids, found[1].centroids)
     assert torch.equal(found[0].counts, found[1].counts)
     assert not torch.equal(found[0].centroids, found[2].centroids)
-
-
-def test_clusters_are_a_fixed_point_of_lloyds_two_steps():
-    points = torch.randn(400, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    found = kmeans(points, 7, torch.Generator().manual_seed(0))
-    x, centroids = points.numpy(), found.centroids.numpy()
-    apart = np.linalg.norm(x[:, None] - centroids, axis=2)
-    assert found.assignment.tolist() == apart.argmin(axis=1).tolist()
-    for cluster in range(7):
-        members = x[found.assignment.numpy() == cluster]
-        np.testing.assert_allclose(centroids[cluster], members.mean(axis=0), atol=1e-12)
-    assert found.distortion == pytest.approx(np.sqrt((apart.min(axis=1) ** 2).mean()))
-    assert found.iterations < 100
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_well_separated_groups_are_found(seed):
-    generator = torch.Generator().manual_seed(seed)
-    group = torch.arange(6).repeat_interleave(20)
-    noise = torch.rand(120, 1, generator=generator, dtype=torch.float64)
-    found = kmeans(1000.0 * group[:, None] + noise, 6, generator)
-    assert len({*zip(group.tolist(), found.assignment.tolist(), strict=True)}) == 6
-
-
-def test_a_cluster_that_loses_all_its_points_stays_where_it_was():
-    points, centroids = torch.tensor([[2.0], [4.0]]), torch.tensor([[9.0], [7.0]])
-    assert _means(points, torch.tensor([0, 0]), centroids).tolist() == [[3.0], [7.0]]
 
 
 def test_it_needs_as_many_different_states_as_clusters():

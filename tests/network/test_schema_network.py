@@ -1,4 +1,4 @@
-"""The schema network: what is confident, what is active, who wins, what it commands."""
+"""The schema network: confidences, active schemas, winners and commands."""
 
 import json
 import math
@@ -39,7 +39,7 @@ def pid(integral_limit: float = 9.0) -> PIDController:
 
 
 class Abstains:
-    """Goes to the target, unless that is 20 or more."""
+    """Moves to the target, but abstains if that is 20 or more."""
 
     action_dimensions = 1
 
@@ -61,17 +61,17 @@ def test_confidence_falls_with_the_scaled_distance_to_the_nearest_percept():
     # is 1.5, (2, .5) from place 1 more. Divided by the width of a half: 0, 2, 3.
     expected = torch.tensor([1.0, math.exp(-2), math.exp(-3)])
     torch.testing.assert_close(activity.confidence[:, 0], expected)
-    assert activity.position[:, 0].tolist() == [0, 1, 0]
+    assert activity.offset[:, 0].tolist() == [0, 1, 0]
     far = math.hypot(2 * 9, 9) / 0.5
     assert activity.confidence[0, 1].item() == pytest.approx(math.exp(-far), rel=1e-4)
     assert activity.targets[:, 0, 0].tolist() == [1, 2, 1]
 
 
-def test_of_equally_near_percepts_the_first_is_the_place():
-    assert line()(column(0.5, 4.5)).position.tolist() == [[0, 1], [1, 0]]
+def test_ties_between_percepts_go_to_the_lowest_index():
+    assert line()(column(0.5, 4.5)).offset.tolist() == [[0, 1], [1, 0]]
 
 
-def test_a_schema_is_active_from_the_threshold_on_and_only_then_has_a_target():
+def test_a_schema_is_active_and_has_a_target_from_the_threshold_on():
     # e^-d ≥ .25 up to d = ln 4 = 1.386. At 2.25 schema 0 is 1.25 away, schema 1 .75.
     activity = line(threshold=0.25)(column(NEAR_0, NEAR_4, 2.25))
     assert activity.active.tolist() == [[True, False], [False, True], [True, True]]
@@ -82,10 +82,10 @@ def test_at_the_threshold_it_is_active():
     assert line(threshold=1.0)(column(0, 0.125)).active.tolist() == [[True, False], [False, False]]
 
 
-def test_the_winner_gives_the_target_and_nobody_commands_nothing():
+def test_the_winner_gives_the_target_and_without_a_winner_there_is_none():
     recall = line(threshold=0.25).recall(column(NEAR_0, NOWHERE, NEAR_4))
     assert recall.winner.tolist() == [0, NO_SCHEMA, 1]
-    assert recall.commanded.tolist() == [True, False, True]
+    assert recall.has_target.tolist() == [True, False, True]
     assert recall.targets.flatten().nan_to_num(-1).tolist() == [10, -1, 20]
 
 
@@ -117,12 +117,12 @@ def test_it_agrees_with_a_plain_search(monkeypatch):
     for schema, sequence in enumerate(sequences):
         for row, percept in enumerate(percepts):
             distances = [math.dist(percept * scale, stored * scale) for stored in sequence]
-            assert activity.position[row, schema] == distances.index(min(distances))
+            assert activity.offset[row, schema] == distances.index(min(distances))
             confidence = math.exp(-min(distances) / 2)
             assert activity.confidence[row, schema].item() == pytest.approx(confidence, rel=1e-5)
 
 
-def test_without_schemas_nobody_wins():
+def test_without_schemas_there_is_no_winner():
     network = SchemaNetwork(SchemaNetworkConfig(1, 2), Abstains())
     activity = network(column(0, 1, 2))
     assert activity.confidence.shape == activity.active.shape == (3, 0)
@@ -130,13 +130,13 @@ def test_without_schemas_nobody_wins():
     acted = network.act(column(0, 1, 2), column(0, 0, 0))
     assert acted.recall.winner.tolist() == [NO_SCHEMA] * 3
     assert acted.candidates.shape == (3, 0, 1)
-    assert acted.given.tolist() == [False] * 3
+    assert acted.has_action.tolist() == [False] * 3
     assert acted.action.isnan().all()
     assert acted.recall.targets.isnan().all()
 
 
 def test_recall_goes_on_from_the_last_call_until_reset():
-    network = line(margin=0.5)  # between the two, whoever won last stays
+    network = line(margin=0.5)  # between the two, the last winner stays
     assert network.recall(column(NEAR_0, 2.25)).winner.tolist() == [0, 0]
     assert network.recall(column(2.25)).winner.tolist() == [0]
     assert network(column(NEAR_4)).active.all()  # only reads
@@ -145,7 +145,7 @@ def test_recall_goes_on_from_the_last_call_until_reset():
     assert network.recall(column(2.25)).winner.tolist() == [1]
 
 
-def test_a_schema_more_starts_a_new_episode():
+def test_adding_a_schema_starts_a_new_episode():
     network = line(margin=0.5)
     network.recall(column(NEAR_0))
     network.add_schema(column(9), column(9))
@@ -159,22 +159,22 @@ def test_the_winners_command_is_the_action_and_inactive_schemas_have_none():
     assert acted.candidates[0, :, 0].nan_to_num(-1).tolist() == [17, -1]
     assert acted.candidates[1].isnan().all()
     assert acted.action.flatten().nan_to_num(-1).tolist() == [17, -1]
-    assert acted.given.tolist() == [True, False]
+    assert acted.has_action.tolist() == [True, False]
 
 
-def test_every_schemas_candidate_is_that_of_a_controller_of_its_own():
+def test_each_schema_has_the_command_of_its_own_controller():
     network = line(pid(), threshold=0.25)
-    # Schema 0 is alone, both are active, schema 1 is alone, nobody, both, schema 0 alone.
+    # Schema 0 is alone, both are active, schema 1 is alone, none, both, schema 0 alone.
     percepts = column(NEAR_0, 2.25, NEAR_4, NOWHERE, 2.25, NEAR_0)
     states = torch.tensor(
         [[0.0, 1.0], [5.0, -1.0], [7.0, 0.5], [8.0, 0.0], [9.0, 2.0], [10.0, 0.0]]
     )
     acted = network.act(percepts, states)
-    # What each is asked for: its own target while active, else the winner's; nothing while nobody.
-    asked = {0: (10.0, 11.0, 20.0, None, 11.0, 10.0), 1: (10.0, 21.0, 20.0, None, 21.0, 10.0)}
+    # The targets of each row: its own if active, else the winner's; None without a winner.
+    rows = {0: (10.0, 11.0, 20.0, None, 11.0, 10.0), 1: (10.0, 21.0, 20.0, None, 21.0, 10.0)}
     active = {0: (0, 1, 4, 5), 1: (1, 2, 4)}
     assert acted.recall.winner.tolist() == [0, 1, 1, NO_SCHEMA, 1, 0]
-    for schema, targets in asked.items():
+    for schema, targets in rows.items():
         own = pid()
         for sample, target in enumerate(targets):
             if target is None:
@@ -202,12 +202,20 @@ def test_acting_goes_on_from_the_last_call_until_reset():
     torch.testing.assert_close(network.act(percepts, states).action, whole.action)
 
 
-def test_nothing_is_done_where_the_forward_model_abstains():
+def test_there_is_no_action_where_the_forward_model_abstains():
     acted = line(Abstains(), threshold=0.25).act(column(2.25, NEAR_0), column(0, 0))
     assert acted.recall.winner.tolist() == [1, 0]
     assert acted.candidates[:, :, 0].nan_to_num(-1).tolist() == [[11, -1], [10, -1]]
-    assert acted.given.tolist() == [False, True]
+    assert acted.has_action.tolist() == [False, True]
     assert acted.action.flatten().nan_to_num(-1).tolist() == [-1, 10]
+
+
+def test_old_names_of_fields_warn():
+    acted = line(Abstains()).act(column(NEAR_0), column(0))
+    renamed = {"given": acted, "commanded": acted.recall, "position": acted.recall.activity}
+    for old, record in renamed.items():
+        with pytest.warns(DeprecationWarning, match=f"^{old} is now "):
+            assert getattr(record, old) is not None
 
 
 def test_gradient_reaches_the_percepts():
@@ -274,7 +282,7 @@ def test_a_refused_recall_leaves_the_episode_where_it_was():
     assert network.recall(column(2.25)).winner.tolist() == [0]
 
 
-def test_a_schema_can_be_read_back_in_the_percepts_units():
+def test_stored_percepts_are_returned_in_their_own_units():
     network = SchemaNetwork(SchemaNetworkConfig(1, 1, scale=(4.0,)))
     network.add_schema(column(1, 2), column(3, 4))
     network.add_schema(column(5), column(6))
@@ -313,7 +321,7 @@ def test_a_checkpoint_brings_config_and_schemas_without_the_forward_model(tmp_pa
     network.save_pretrained(tmp_path)
     loaded = SchemaNetwork.from_pretrained(tmp_path, Abstains())
     assert loaded.config == config
-    assert loaded.act(column(0.5), column(0)).given.tolist() == [schemas > 0]
+    assert loaded.act(column(0.5), column(0)).has_action.tolist() == [schemas > 0]
     bare = SchemaNetwork.from_pretrained(tmp_path)
     assert bare.forward_model is None
     percepts = column(0, 0.5, 3)

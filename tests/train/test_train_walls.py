@@ -526,8 +526,8 @@ def test_without_abstention_the_same_model_always_acts(learned: Learned):
     states = torch.zeros(20, 6)
     cautious = MLPForwardModel(dataclasses.replace(model.config, abstain_below=9.0))
     cautious.load_state_dict(model.state_dict())
-    assert not cautious.command(states, states).given.any()
-    assert model.command(states, states).given.all()
+    assert not cautious.command(states, states).has_action.any()
+    assert model.command(states, states).has_action.all()
 
 
 def test_with_the_speed_free_the_same_model_has_more_to_choose_from(learned: Learned):

@@ -144,9 +144,9 @@ def _imitate(
 
     def choose(seen: NDArray[np.float32]) -> NDArray[np.float32]:
         nonlocal target
-        recall = network.recall(torch.from_numpy(seen)[None])
-        if recall.commanded.item():
-            target = recall.targets[0].numpy()
+        targets, has_target, *_ = network.recall(torch.from_numpy(seen)[None])
+        if has_target.item():
+            target = targets[0].numpy()
         return target
 
     return _live_through(environment, seed, choose)

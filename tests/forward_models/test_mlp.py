@@ -1,39 +1,22 @@
-"""The forward model's protocol, the learned model and its fit, on systems whose answer is known."""
+"""The learned forward model and its fit, on systems whose answer is known."""
 
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import signal
 import statistics
-from dataclasses import asdict
 from fractions import Fraction
 
 import pytest
 import torch
+from candidate_models import TURNS, hand_set, snapshot
 from torch import Tensor
 
 from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.forward_models import fitting
-from pacnet.forward_models.fitting import BLOCK, mean_and_std, r2_of_change, split_by_blocks
 from pacnet.forward_models.mlp import MLPForwardModel, MLPForwardModelConfig
-from pacnet.forward_models.protocol import Command, ForwardModel
 from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
-
-TURNS = ((-1.0,), (0.0,), (2.0,))
-
-
-def hand_set(
-    gain: float, candidates: tuple[tuple[float, ...], ...] = TURNS, steps: int = 1, **fields: float
-) -> MLPForwardModel:
-    """One dimension, change = gain × action − state / 2, exact in any float type."""
-    config = MLPForwardModelConfig(1, 1, candidates, hidden=(), steps=steps, **fields)
-    model = MLPForwardModel(config)
-    model.network[0].load_state_dict(
-        {"weight": torch.tensor([[-0.5, gain]]), "bias": torch.zeros(1)}
-    )
-    return model
 
 
 def linear_system(rows: int, seed: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -58,71 +41,8 @@ def fitted() -> MLPForwardModel:
     return model
 
 
-def snapshot(model: torch.nn.Module) -> dict[str, Tensor]:
-    return {name: tensor.clone() for name, tensor in model.state_dict().items()}
-
-
 def same(one: dict[str, Tensor], other: dict[str, Tensor]) -> bool:
     return list(one) == list(other) and all(torch.equal(one[name], other[name]) for name in one)
-
-
-# The protocol.
-
-
-def test_a_users_own_model_needs_little():
-    class Mine:
-        action_dimensions = 1
-
-        def command(self, states: Tensor, targets: Tensor) -> Command:
-            return Command(targets - states, torch.ones(len(states), dtype=torch.bool))
-
-        def reset(self) -> None:
-            pass
-
-    assert isinstance(Mine(), ForwardModel)
-    assert isinstance(linear_model(), ForwardModel)
-    assert isinstance(TransitionMatrix(TransitionMatrixConfig(1, 1, TURNS)), ForwardModel)
-    assert not isinstance(torch.nn.Linear(1, 1), ForwardModel)
-
-
-# Choosing, with weights set by hand: from state x action a leads to x / 2 + gain × a.
-
-
-def test_costs_choice_and_spread_by_hand():
-    # gain 1, from 4: TURNS lead to 1, 2, 4. Their mean is 7/3 and they lie 4/3, 1/3, 5/3 from it.
-    selection = hand_set(1.0).select(torch.tensor([4.0]), torch.tensor([1.75]))
-    assert selection.costs.tolist() == [0.75, 0.25, 2.25]
-    assert (selection.index, selection.action.tolist()) == (1, [0.0])
-    assert selection.spread == pytest.approx(math.sqrt((16 + 1 + 25) / 9 / 3))
-    assert not selection.abstained
-
-
-@pytest.mark.parametrize(("threshold", "abstains"), [(0.25, False), (0.2500001, True), (0, False)])
-def test_it_abstains_exactly_when_predictions_are_closer_than_the_threshold(threshold, abstains):
-    # Actions ±1 at gain 1/4 lead to 1/4 on either side of their mean: a spread of 1/4.
-    model = hand_set(0.25, ((1.0,), (-1.0,)), abstain_below=threshold)
-    state, target = torch.tensor([8.0]), torch.tensor([3.0])
-    selection = model.select(state, target)
-    assert selection.spread == 0.25
-    assert selection.abstained == abstains
-    assert selection.action.tolist() == [-1.0]  # the cheapest all the same
-    command = model.command(state[None], target[None])
-    assert command.given.tolist() == [not abstains]
-    assert command.action.isnan().tolist() == [[abstains]]
-
-
-def test_a_single_candidate_is_given_only_without_a_threshold():
-    for threshold, given in ((0.0, True), (1e-6, False)):
-        model = hand_set(1.0, ((2.0,),), abstain_below=threshold)
-        assert model.command(torch.zeros(1, 1), torch.zeros(1, 1)).given.tolist() == [given]
-
-
-def test_equal_costs_go_to_the_first_candidate():
-    # From 0 the candidates lead to 1, −1, 1: all at distance 1 from 0, two at distance 0 from 1.
-    model = hand_set(1.0, ((1.0,), (-1.0,), (1.0,)))
-    assert model.select(torch.zeros(1), torch.zeros(1)).index == 0
-    offered = torch.tensor([[-1.0], [1.0], [1.0]])
-    assert model.select(torch.zeros(1), torch.ones(1), offered).index == 1
 
 
 def test_cost_is_the_euclidean_distance_over_all_dimensions(fitted):
@@ -142,7 +62,7 @@ def test_the_fitted_model_chooses_what_the_known_system_would(fitted):
     clear = (left.abs() > 0.05).all(dim=1)  # rounding and the fit's error decide nothing there
     assert clear.sum() > 100
     command = fitted.command(states, targets)
-    assert command.given.all()
+    assert command.has_action.all()
     assert torch.equal(command.action[clear], torch.sign(left * torch.tensor([1.0, -1.0]))[clear])
 
 
@@ -156,18 +76,6 @@ def test_the_order_of_candidates_only_orders_the_costs(fitted):
     assert torch.equal(mixed.action, plain.action)
     assert int(order[mixed.index]) == plain.index
     assert mixed.spread == pytest.approx(plain.spread)
-
-
-def test_a_command_is_a_selection_for_each_state():
-    model = hand_set(1.0, abstain_below=0.5)
-    model.network[0].weight.data[0, 1] = 0  # blind to the action
-    halves = torch.tensor([[4.0], [-2.0], [0.5]])
-    assert not model.command(halves, halves).given.any()
-    model.network[0].weight.data[0, 1] = 1  # and seeing again
-    command = model.command(halves, halves)
-    for row, state in enumerate(halves):
-        assert torch.equal(command.action[row], model.select(state, state).action)
-    assert command.action.tolist() == [[2.0], [-1.0], [0.0]]  # 4→2+2, −2→−1−1, ½→¼+0
 
 
 def test_an_action_is_held_for_all_steps():
@@ -191,22 +99,12 @@ def test_gradient_reaches_action_and_weights_but_not_a_choice(fitted):
     assert not chosen.action.requires_grad
 
 
-# Fitting.
-
-
 def test_without_anything_to_learn_the_model_equals_persistence():
     generator = torch.Generator().manual_seed(0)
     states, actions, noise = (torch.randn(1000, 1, generator=generator) for _ in range(3))
     model = MLPForwardModel(MLPForwardModelConfig(1, 1, TURNS, hidden=(16,)))
     report = model.fit(states, actions, states + 0.1 * noise, seed=0)
     assert abs(float(report.r2)) < 0.05
-
-
-def test_r2_of_the_change_by_hand():
-    changes = torch.tensor([[1.0, 2.0, 0.0, 3.0], [-3.0, 2.0, 0.0, 1.0]])
-    predicted = torch.tensor([[0.0, 2.0, 0.5, 2.0], [0.0, 2.0, 0.5, 2.0]])
-    # Nothing predicted; all predicted; nothing to predict; 1 − (1 + 1) / (9 + 1).
-    assert r2_of_change(changes, predicted).tolist() == pytest.approx([0.0, 1.0, 0.0, 0.8])
 
 
 def test_reported_r2_is_that_of_the_rows_held_out():
@@ -218,18 +116,6 @@ def test_reported_r2_is_that_of_the_rows_held_out():
         error = (after - states - model(states, actions))[rows].double().square().sum(dim=0)
     total = (after - states)[rows].double().square().sum(dim=0)
     assert report.r2.tolist() == pytest.approx((1 - error / total).tolist(), abs=1e-6)
-
-
-def test_whole_blocks_are_held_out():
-    for rows in (100, 130, 1020):
-        learning, held_out = split_by_blocks(rows, torch.Generator().manual_seed(rows))
-        assert torch.equal(torch.cat([learning, held_out]).sort().values, torch.arange(rows))
-        blocks = (held_out // BLOCK).clamp(max=rows // BLOCK - 1).tolist()
-        sizes = {block: blocks.count(block) for block in set(blocks)}
-        assert len(sizes) == max(1, round(0.2 * (rows // BLOCK)))
-        last = rows // BLOCK - 1
-        whole = {block: BLOCK + (rows % BLOCK if block == last else 0) for block in sizes}
-        assert sizes == whole
 
 
 def test_normalisers_are_exact_far_from_zero():
@@ -249,12 +135,6 @@ def test_normalisers_are_exact_far_from_zero():
         assert std.item() == pytest.approx(float(statistics.pstdev(values)), rel=1e-9)
     assert model.action_std.tolist() == [1.0]  # a constant is left as it is
     assert model.action_mean.item() == pytest.approx(actions[0, 0].item(), rel=1e-12)
-
-
-def test_a_constant_dimension_has_unit_std_even_if_its_mean_is_rounded():
-    mean, std = mean_and_std(torch.full((7, 1), 0.1, dtype=torch.float64))
-    assert mean.item() == pytest.approx(0.1)
-    assert std.item() == 1.0
 
 
 @pytest.mark.parametrize("move", [lambda m: m.float(), lambda m: m.half(), lambda m: m.double()])
@@ -312,16 +192,16 @@ def test_a_fit_replaces_whatever_was_learned_before(fitted):
 def test_early_stopping_keeps_the_weights_of_the_best_epoch():
     generator = torch.Generator().manual_seed(0)
     states, actions, noise = (torch.randn(150, 2, generator=generator) for _ in range(3))
-    told: list[tuple[int, float, float]] = []
+    losses: list[tuple[int, float, float]] = []
     config = MLPForwardModelConfig(2, 2, ((0.0, 0.0),), hidden=(32,))
     model = MLPForwardModel(config)
     after = states + noise  # pure noise: whatever is learned is overfitted
-    report = model.fit(states, actions, after, seed=0, progress=lambda *loss: told.append(loss))
-    assert [epoch for epoch, *_ in told] == list(range(1, report.epochs + 1))
-    best = min(told, key=lambda loss: loss[2])
+    report = model.fit(states, actions, after, seed=0, progress=lambda *loss: losses.append(loss))
+    assert [epoch for epoch, *_ in losses] == list(range(1, report.epochs + 1))
+    best = min(losses, key=lambda loss: loss[2])
     assert (report.train_loss, report.validation_loss) == best[1:]
     assert report.epochs == best[0] + fitting.PATIENCE < fitting.MAX_EPOCHS
-    assert told[-1][2] > best[2]
+    assert losses[-1][2] > best[2]
     rows = report.validation_rows
     with torch.no_grad():
         error = (after - states - model(states, actions))[rows] / model.change_std
@@ -361,9 +241,6 @@ def test_a_ctrl_c_while_the_result_is_taken_over_comes_after_it():
     assert same(snapshot(model), snapshot(done))
 
 
-# What is refused.
-
-
 @pytest.mark.parametrize(
     ("position", "value", "message"),
     [
@@ -388,72 +265,6 @@ def test_a_fit_needs_two_blocks():
     with pytest.raises(ValueError, match=r"at least 100 transitions, two blocks of 50, got 99"):
         linear_model().fit(*linear_system(99, seed=0), seed=0)
     assert len(linear_model().fit(*linear_system(100, seed=0), seed=0).validation_rows) == 50
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((torch.zeros(3), torch.zeros(2)), r"expected states .* got shape \[1, 3\]"),
-        ((torch.zeros(2), torch.zeros(1, 2)), r"expected target .* got shape \[1, 1, 2\]"),
-        ((torch.zeros(2), [0.0, 0.0]), "expected target .* got list"),
-        ((None, torch.zeros(2)), "expected states .* got NoneType"),
-        ((torch.zeros(2), torch.full((2,), math.inf)), "expected finite target"),
-        ((torch.zeros(2), torch.zeros(2), torch.zeros(4, 1)), "expected candidates .*4, 1"),
-        ((torch.zeros(2), torch.zeros(2), torch.zeros(0, 2)), "candidates .* got an empty one"),
-    ],
-)
-def test_a_selection_refuses_bad_input(arguments, message):
-    matrix = TransitionMatrix(TransitionMatrixConfig(2, 2, ((0.0, 0.0),)))
-    for model in (linear_model(), matrix):
-        with pytest.raises(ValueError, match=message):
-            model.select(*arguments)
-
-
-def test_unequal_numbers_of_rows_are_refused():
-    matrix = TransitionMatrix(TransitionMatrixConfig(2, 2, ((0.0, 0.0),)))
-    for model in (linear_model(), matrix):
-        for verb in (model.command, model.predict):
-            with pytest.raises(ValueError, match="expected equally many rows"):
-                verb(torch.zeros(2, 2), torch.zeros(1, 2))
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "message"),
-    [
-        ("state_dimensions", 0, "state_dimensions ≥ 1, got 0"),
-        ("action_dimensions", 1.0, "action_dimensions ≥ 1, got 1.0"),
-        ("candidates", (), "candidates to be one or more actions"),
-        ("candidates", ((0.0,), (0.0, 1.0)), "candidates to be"),
-        ("candidates", ((math.nan, 0.0),), "candidates to be"),
-        ("candidates", "ab", "candidates to be"),
-        ("steps", 0, "steps ≥ 1, got 0"),
-        ("abstain_below", -0.1, "abstain_below ≥ 0 and finite, got -0.1"),
-        ("abstain_below", math.nan, "abstain_below ≥ 0"),
-        ("hidden", (8, 0), "hidden to be a tuple of widths ≥ 1"),
-        ("hidden", 64, "hidden to be"),
-        ("clusters", 0, "clusters ≥ 1, got 0"),
-    ],
-)
-def test_a_bad_config_is_refused(field, value, message):
-    sound = {"state_dimensions": 1, "action_dimensions": 2, "candidates": ((0.0, 0.0),)}
-    for kind in (MLPForwardModelConfig, TransitionMatrixConfig):
-        assert kind(**sound).candidates == ((0.0, 0.0),)
-        if field in kind.__dataclass_fields__:
-            with pytest.raises(ValueError, match=f"{kind.__name__}.{message}"):
-                kind(**sound | {field: value})
-
-
-def test_a_config_survives_json():
-    for config in (
-        MLPForwardModelConfig(1, 2, ((0.0, 1.0), (2, 3)), hidden=(8, 4), steps=3),
-        TransitionMatrixConfig(1, 2, [[0, 1], [2, 3]], clusters=5),
-    ):
-        again = type(config)(**json.loads(json.dumps(asdict(config))))
-        assert again == config
-        assert hash(again) == hash(config)
-
-
-# Checkpoints.
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
