@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.harness import NOTHING, Contestant, Table, factor, number, race, run_alone
 from benchmarks.machine import version_of
 from pacnet.datasets.demonstrations import load_demonstrations
-from pacnet.datasets.format.lerobot_files import DatasetError
+from pacnet.datasets.format import DatasetError
 from pacnet.datasets.recorder import Recorder, recover
 
 EPISODES, LENGTH, DIMENSIONS, FPS = 30, 1000, 6, 50

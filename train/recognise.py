@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from pacnet import PACNet
 from pacnet.competition.config import CompetingSchemasConfig
-from pacnet.datasets.annotations import check_source, write_annotated
+from pacnet.datasets.annotations import check_annotatable, write_annotated
 from pacnet.datasets.demonstrations import (
     STATE,
     Demonstrations,
@@ -103,7 +103,7 @@ def run(
 def is_copied(dataset: str, columns: Mapping[str, Sequence[str]]) -> bool:
     """Whether a copy of the dataset will be written; if not, says at once why."""
     try:
-        check_source(dataset, columns)
+        check_annotatable(dataset, columns)
     except ValueError as error:
         print(f"note: no copy of the dataset will be written: {error}", file=sys.stderr)
         return False

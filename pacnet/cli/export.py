@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Checks that the copy can be written, watches, and writes it."""
     from pacnet.cli.seen import see
     from pacnet.cli.sources import load_imitator, load_percepts
-    from pacnet.datasets.annotations import check_source, write_annotated
+    from pacnet.datasets.annotations import check_annotatable, write_annotated
     from pacnet.evaluation.recognised import column_names, column_values
 
     if Path(arguments.out).exists():
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> None:
     imitator = load_imitator(arguments.checkpoint)
     demonstrations = load_percepts(imitator, arguments.dataset)
     columns = column_names(imitator.network.behaviours, imitator.percept_names)
-    check_source(arguments.dataset, columns)
+    check_annotatable(arguments.dataset, columns)
     values = (column_values(one.watched.recognition) for one in see(imitator, demonstrations))
     write_annotated(arguments.dataset, arguments.out, columns, values)
     print_pairs(

@@ -1,6 +1,11 @@
 """LeRobot datasets: read into tensors, recorded, and copied with added columns."""
 
+from pacnet.datasets.annotations import check_annotatable, write_annotated
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations, load_demonstrations
-from pacnet.datasets.recorder import Recorder, recover
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.recorder import Feature, Recorder, recover
 
-__all__ = ["Demonstration", "Demonstrations", "Recorder", "load_demonstrations", "recover"]
+__all__ = [
+    "DatasetError", "Demonstration", "Demonstrations", "Feature", "Recorder", "check_annotatable",
+    "load_demonstrations", "recover", "write_annotated",
+]  # fmt: skip

@@ -1,26 +1,36 @@
 """A copy of a LeRobot dataset (format v3.0) with extra columns, such as what was recognised in it.
 
-LeRobot takes every feature called `observation*` or `action*` for something to learn from; extra
-columns of other names are left alone by its policies.
+LeRobot's policies learn from every feature called `observation*` or `action*`, and leave columns of
+other names alone.
 """
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pacnet.core.durable import NEW, make_folder, sync_folder
-from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
-from pacnet.datasets.format.errors import DatasetError
-from pacnet.datasets.format.features import RESERVED, Feature, checked_features, checked_frames
-from pacnet.datasets.format.lerobot_files import PICTURES, read_info
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.features import (
+    RESERVED,
+    Arrays,
+    Feature,
+    checked_episode,
+    checked_features,
+)
+from pacnet.datasets.format.info import image_features, read_info
 from pacnet.datasets.recorder import Recorder
 
-_INTEGERS = 2**24  # from here on float32, as which features are read, does not hold all of them
+# What imports pyarrow, 0.2 s, is imported where it is used.
+if TYPE_CHECKING:
+    from pacnet.datasets.format.episodes import Episodes
+
+_FLOAT32_INTEGERS = 2**24  # features are read as float32, which holds all integers below this
+_DTYPES = {"b": "bool", "i": "int64", "u": "int64"}  # kind, or a name's first letter -> stored
 
 
 def write_annotated(
@@ -31,12 +41,12 @@ def write_annotated(
 ) -> None:
     """Copy a dataset of numbers, with extra columns beside its features.
 
-    Kept are the features and the names of their dimensions, each episode's task (that of its first
-    frame), the frames per second and the robot's type. Integers are stored as int64, booleans as
-    such and all floats as float32. Episodes are numbered from 0 and their time runs from 0. Columns
-    of one dimension read back as scalars.
+    The copy keeps the features and the names of their dimensions, each episode's task (that of its
+    first frame), the frames per second and the robot's type. Integers are stored as int64, booleans
+    as such and all floats as float32. Episodes are numbered from 0 and their time runs from 0.
+    Columns of one dimension read back as scalars.
 
-    Everything is checked before the copy is begun, and the copy is there as a whole or not at all.
+    Everything is checked before the copy is begun, and an interrupted copy leaves nothing.
 
     Args:
         source: The dataset's folder.
@@ -53,149 +63,111 @@ def write_annotated(
             entry for each of the source's episodes, or values that are missing, unknown, of
             another shape, length or dtype, or not finite.
     """
-    destination = Path(destination)
+    source, destination = Path(source), Path(destination)
     if os.path.lexists(destination):
         raise FileExistsError(f"expected a folder to be made for the copy, {destination} exists")
-    info = read_info(Path(source))
-    copied = check_source(source, columns)
-    first = next(iter(copied.values()))
-    lengths = {episode.episode: len(episode.state) for episode in first}
+    read = check_annotatable(source, columns)
     episodes = list(episodes)
-    added = _extra_features(columns, episodes)
-    annotations = _checked_annotations(added, episodes, lengths)
-    features = {name: _feature(info, name, part) for name, part in copied.items()}
+    added = _column_features(columns, episodes)
+    annotations = _checked_annotations(added, episodes, read)
+    info = read_info(source)
+    features = {
+        name: Feature(names, _DTYPES.get(info["features"][name]["dtype"][0], "float32"))
+        for name, names in read.names.items()
+    }
     make_folder(destination.parent)
-    place = {"prefix": f".{destination.name}.", "suffix": NEW, "dir": destination.parent}
-    with TemporaryDirectory(**place) as folder:  # also removes what an interrupt leaves
+    location = {"prefix": f".{destination.name}.", "suffix": NEW, "dir": destination.parent}
+    with TemporaryDirectory(**location) as folder:  # also removes what an interrupt leaves
         copy = Path(folder) / destination.name
-        fps, robot_type = _whole(info["fps"]), info.get("robot_type")
-        with Recorder(copy, fps, features | added, robot_type) as recorder:
-            for number, (episode, extra) in enumerate(zip(first, annotations, strict=True)):
+        with Recorder(copy, int(info["fps"]), features | added, info.get("robot_type")) as recorder:
+            for index, (task, annotation) in enumerate(zip(read.tasks, annotations, strict=True)):
                 frames = {
-                    name: part.episodes[number].state.numpy().astype(features[name].dtype)
-                    for name, part in copied.items()
+                    name: values[index].numpy().astype(features[name].dtype)
+                    for name, values in read.values.items()
                 }
-                recorder.save_episode(episode.task, frames | extra)
+                recorder.save_episode(task, frames | annotation)
         copy.rename(destination)
     sync_folder(destination.parent)
 
 
-def check_source(
-    source: str | Path, columns: Mapping[str, Sequence[str]]
-) -> dict[str, Demonstrations]:
-    """Whether a dataset can be copied with these extra columns, before there are any values.
-
-    Returns:
-        Every feature of it by name, each as the state of the demonstrations read.
+def check_annotatable(source: str | Path, columns: Mapping[str, Sequence[str]]) -> "Episodes":
+    """Read a dataset, if it can be copied with these extra columns, before there are values.
 
     Raises:
         DatasetError: As `write_annotated`.
-        ValueError: As `write_annotated`, about the columns and the frames per second.
+        ValueError: As `write_annotated`, about the columns.
     """
-    info = read_info(Path(source))
-    copied = _read_features(Path(source), info)
-    _check_tasks(Path(source), next(iter(copied.values())))
-    _check_columns(columns, {feature: part.names[feature] for feature, part in copied.items()})
-    _whole(info["fps"])
-    return copied
+    from pacnet.datasets.format.episodes import read_episodes
+    from pacnet.datasets.journal.journal import check_folded
 
-
-def _read_features(source: Path, info: dict[str, Any]) -> dict[str, Demonstrations]:
-    """Every feature of the source by name, each as the state of the demonstrations read."""
-    features = {name: told for name, told in info["features"].items() if name not in RESERVED}
+    source = Path(source)
+    check_folded(source)
+    info = read_info(source)
+    features = [name for name in info["features"] if name not in RESERVED]
     if not features:
         raise DatasetError(f"expected features to copy in {source}, found none")
-    pictures = [
-        name for name, told in features.items()
-        if isinstance(told, dict) and told.get("dtype") in PICTURES
-    ]  # fmt: skip
-    if pictures:
+    images = image_features(info)
+    if images:
         raise DatasetError(
             f"expected a dataset of numbers alone, images and videos cannot be copied: {source} "
-            f"has {', '.join(pictures)}"
+            f"has {', '.join(images)}"
         )
-    copied = {
-        name: load_demonstrations(source, state=name, environment_state=None, action=name)
-        for name in features
-    }
-    for name, part in copied.items():
-        if "int" in features[name]["dtype"] and not all(_exact(e.state.numpy()) for e in part):
-            raise DatasetError(
-                f"expected integers in {name!r} that float32 holds, below {_INTEGERS}, {source} "
-                "has others"
-            )
-    return copied
-
-
-def _check_tasks(source: Path, episodes: Demonstrations) -> None:
-    for episode in episodes:
-        if not episode.task.strip():
-            raise DatasetError(
-                f"expected a task in words, {source} has {episode.task!r} in episode "
-                f"{episode.episode}"
-            )
-
-
-def _check_columns(columns: Mapping[str, Sequence[str]], names: Mapping[str, object]) -> None:
     if not columns:
         raise ValueError("expected at least one column to add, got none")
-    taken = sorted(set(columns) & set(names))
+    taken = sorted(set(columns) & set(features))
     if taken:
-        raise ValueError(
-            f"expected columns of names that the dataset has not, got {', '.join(taken)}"
-        )
+        raise ValueError(f"expected columns that the dataset does not have, got {', '.join(taken)}")
+    if info["fps"] != int(info["fps"]):
+        raise DatasetError(f"expected a whole number of frames per second, found {info['fps']}")
+    read = read_episodes(source, info, features)
+    _check_values(source, info, read)
+    return read
 
 
-def _feature(info: Mapping[str, Any], name: str, part: Demonstrations) -> Feature:
-    kinds = {"int": "int64", "uin": "int64", "boo": "bool"}
-    dtype = kinds.get(info["features"][name]["dtype"][:3], "float32")
-    return Feature(part.names[name], dtype)
+def _check_values(source: Path, info: Mapping[str, Any], read: "Episodes") -> None:
+    """Refuse integers that are not read exactly, and tasks that `Recorder` does not store."""
+    for name, values in read.values.items():
+        integers = "int" in info["features"][name]["dtype"]
+        if integers and any(rows.abs().max() >= _FLOAT32_INTEGERS for rows in values):
+            raise DatasetError(
+                f"expected integers in {name!r} that float32 holds, below {_FLOAT32_INTEGERS}, "
+                f"{source} has others"
+            )
+    for index, task in zip(read.indices, read.tasks, strict=True):
+        if not task.strip():
+            raise DatasetError(
+                f"expected a task in words, {source} has {task!r} in episode {index}"
+            )
 
 
-def _extra_features(
+def _column_features(
     columns: Mapping[str, Sequence[str]], episodes: Sequence[Mapping[str, ArrayLike]]
 ) -> dict[str, Feature]:
-    """The extra columns, each of the dtype that it has in the first episode that has it."""
-    dtypes = {"b": "bool", "i": "int64", "u": "int64"}
+    """Return the extra columns, each of the dtype that it has in the first episode that has it."""
     kinds: dict[str, str] = {}
     for episode in episodes[::-1]:
         kinds |= {name: np.asarray(values).dtype.kind for name, values in episode.items()}
-    features = checked_features(columns)
     return {
-        name: Feature(told.names, dtypes.get(kinds.get(name, "f"), "float32"))
-        for name, told in features.items()
+        name: Feature(feature.names, _DTYPES.get(kinds.get(name, "f"), "float32"))
+        for name, feature in checked_features(columns).items()
     }
 
 
 def _checked_annotations(
-    columns: Mapping[str, Feature],
-    episodes: Sequence[Mapping[str, ArrayLike]],
-    lengths: Mapping[int, int],
-) -> list[dict[str, NDArray[np.generic]]]:
-    """Each episode's columns [T, K] as they are stored, or a ValueError that names the episode."""
-    if len(episodes) != len(lengths):
-        raise ValueError(
-            f"expected columns for each of {len(lengths)} episodes, got {len(episodes)}"
-        )
+    columns: Mapping[str, Feature], episodes: Sequence[Mapping[str, ArrayLike]], read: "Episodes"
+) -> list[Arrays]:
+    """Return each episode's columns [T, K] as they are stored."""
+    expected = len(read.indices)
+    if len(episodes) != expected:
+        raise ValueError(f"expected columns for each of {expected} episodes, got {len(episodes)}")
     checked = []
-    for (number, length), episode in zip(lengths.items(), episodes, strict=True):
+    for index, length, episode in zip(read.indices, read.lengths, episodes, strict=True):
         try:
-            rows = checked_frames(columns, episode)
+            arrays = checked_episode(columns, episode)
         except ValueError as error:
-            raise ValueError(f"episode {number}: {error}") from None
-        got = len(next(iter(rows.values())))
-        if got != length:
-            raise ValueError(f"episode {number}: expected {length} frames in columns, got {got}")
-        checked.append(rows)
+            raise ValueError(f"episode {index}: {error}") from None
+        found = len(next(iter(arrays.values())))
+        if found != length:
+            raise ValueError(f"episode {index}: expected {length} frames in columns, got {found}")
+        checked.append(arrays)
     return checked
-
-
-def _exact(integers: NDArray[Any]) -> bool:
-    """Whether float32 holds them all; they have been made float32 already."""
-    return int(integers.max()) < _INTEGERS and int(integers.min()) > -_INTEGERS
-
-
-def _whole(fps: float) -> int:
-    if fps != int(fps):
-        raise DatasetError(f"expected a whole number of frames per second, found {fps}")
-    return int(fps)

@@ -1,26 +1,14 @@
 """Demonstrations read from a LeRobot dataset (format v3.0) into tensors, without LeRobot."""
 
-import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeGuard
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from pacnet.datasets.format.encoded_images import Encoder, encode_images
-from pacnet.datasets.format.errors import DatasetError
-from pacnet.datasets.format.lerobot_files import (
-    PICTURES,
-    read_frames,
-    read_info,
-    read_tasks,
-    told_names,
-)
-from pacnet.datasets.journal.journal import check_folded
+from pacnet.datasets.format.images import Encoder, encode_images
+from pacnet.datasets.format.info import read_info
 
 STATE, ENVIRONMENT_STATE, ACTION = (
     "observation.state", "observation.environment_state", "action",
@@ -29,15 +17,15 @@ STATE, ENVIRONMENT_STATE, ACTION = (
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """One episode of somebody doing a task.
+    """One episode in which a task is demonstrated.
 
     Attributes:
-        episode: Number of the episode in its dataset.
+        episode: Index of the episode in its dataset.
         task: The task in words; where it changes within the episode, that of the first frame.
         state: What was perceived of the demonstrator, [T, S].
         environment_state: What was perceived of the surroundings, [T, E]; E is 0 without it.
-        action: What the demonstrator did or aimed at, [T, A].
-        encoded: What encoders made of its images, [T, F]; None without any.
+        action: The demonstrator's actions or the targets aimed at, [T, A].
+        encoded: What encoders made of the images, [T, F]; None without encoders.
     """
 
     episode: int
@@ -74,7 +62,7 @@ class Demonstrations:
 
     @property
     def percept_features(self) -> dict[str, tuple[str, ...]]:
-        """Feature -> names of its dimensions, of what a percept is made of, in its order."""
+        """The features that a percept consists of -> names of their dimensions, in its order."""
         return {name: parts for name, parts in self.names.items() if name != self.action}
 
     @property
@@ -83,16 +71,16 @@ class Demonstrations:
         return self.names[self.action]
 
     def __iter__(self) -> Iterator[Demonstration]:
-        """The demonstrations, one after the other."""
+        """Iterate over the demonstrations."""
         return iter(self.episodes)
 
     def __len__(self) -> int:
-        """Number of demonstrations."""
+        """Return the number of demonstrations."""
         return len(self.episodes)
 
 
 def dimension_names(features: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Names of all dimensions, after their features too where two have one name.
+    """Return the names of all dimensions, prefixed by their features' where two are the same.
 
     Args:
         features: Feature name -> names of its dimensions.
@@ -114,7 +102,7 @@ def load_demonstrations(
 ) -> Demonstrations:
     """Read every episode of a LeRobot dataset.
 
-    Images are left alone, or seen through encoders. These need LeRobot, which decodes the images.
+    Images are skipped unless they have encoders. Encoding them needs LeRobot, which decodes them.
 
     Example:
         ```python
@@ -125,11 +113,12 @@ def load_demonstrations(
     Args:
         root: The dataset's folder, the one that holds `meta/` and `data/`.
         state: Feature that becomes `Demonstration.state`.
-        environment_state: Feature that becomes `Demonstration.environment_state`, or None; where
-            it is not told otherwise, a dataset may lack it.
+        environment_state: Feature that becomes `Demonstration.environment_state`, or None; a
+            dataset may lack the default one.
         action: Feature that becomes `Demonstration.action`.
-        encoders: Image or video feature -> what makes a vector [F] of each of its images, a tensor
-            of shape [channels, height, width] from 0 to 1. They become `Demonstration.encoded`.
+        encoders: Image or video feature -> function that turns one of its images, a tensor
+            [channels, height, width] from 0 to 1, into a vector [F]. The vectors become
+            `Demonstration.encoded`.
 
     Returns:
         The demonstrations, float32 tensors on the CPU.
@@ -138,117 +127,40 @@ def load_demonstrations(
         DatasetError: The folder or one of its files is missing or damaged, the format is another
             than v3.0, a recording into it goes on or was killed, a feature is missing or not a
             vector of numbers, the counts in `meta/info.json` do not match the frames found, the
-            episodes' numbers do not ascend, or a value is not finite.
-        ValueError: An encoder for a feature that is no image or video, or one that gives something
-            else than finite vectors of one length.
+            episodes' indices do not ascend, or a value is not finite.
+        ValueError: An encoder for a feature that is no image or video, or one that returns
+            anything but finite vectors of one length.
     """
+    from pacnet.datasets.format.episodes import read_episodes  # imports pyarrow, 0.2 s
+    from pacnet.datasets.journal.journal import check_folded
+
     root = Path(root)
     check_folded(root)
     info = read_info(root)
     if environment_state == ENVIRONMENT_STATE and environment_state not in info["features"]:
         environment_state = None
     features = [name for name in (state, environment_state, action) if name is not None]
-    dimensions = {feature: _dimension(info, feature) for feature in features}
-    frames = read_frames(root, dimensions, info["total_frames"])
-    names = {feature: _dimension_names(info, feature) for feature in features}
-    starts = _episode_starts(info, frames)
-    for feature in features:
-        _check_finite(frames, feature, names[feature])
-
-    tasks = read_tasks(root, frames["task_index"][starts])
-    lengths = np.diff(starts, append=len(frames["index"])).tolist()
-    columns = {feature: torch.from_numpy(frames[feature]).split(lengths) for feature in features}
-    nothing = [torch.empty(length, 0) for length in lengths]
-    episodes = tuple(
-        Demonstration(int(number), task, *tensors)
-        for number, task, *tensors in zip(
-            frames["episode_index"][starts],
-            tasks,
-            columns[state],
-            nothing if environment_state is None else columns[environment_state],
-            columns[action],
-            strict=True,
-        )
-    )
+    read = read_episodes(root, info, features)
+    names = read.names
+    environment_states = [torch.empty(length, 0) for length in read.lengths]
+    if environment_state is not None:
+        environment_states = read.values[environment_state]
+    encoded = [None] * len(read.indices)
     if encoders:
-        episodes = _with_encoded(root, info, encoders, names, episodes)
-    return Demonstrations(info["fps"], names, episodes, root.resolve().name, action)
-
-
-def _with_encoded(
-    root: Path,
-    info: dict[str, Any],
-    encoders: Mapping[str, Encoder],
-    names: dict[str, tuple[str, ...]],
-    episodes: tuple[Demonstration, ...],
-) -> tuple[Demonstration, ...]:
-    """The episodes with encoded images; their dimensions are added to the names."""
-    encoded = encode_images(root, info, encoders)
-    names |= {
-        feature: tuple(f"{feature}.{place}" for place in range(rows.shape[1]))
-        for feature, rows in encoded.items()
-    }
-    lengths = [len(episode.state) for episode in episodes]
-    parts = torch.cat(list(encoded.values()), dim=1).split(lengths)
-    return tuple(
-        replace(episode, encoded=part) for episode, part in zip(episodes, parts, strict=True)
+        vectors = encode_images(root, info, encoders)
+        encoded = torch.cat([*vectors.values()], dim=1).split(read.lengths)
+        names |= {
+            feature: tuple(f"{feature}.{index}" for index in range(rows.shape[1]))
+            for feature, rows in vectors.items()
+        }
+    episodes = zip(
+        read.indices,
+        read.tasks,
+        read.values[state],
+        environment_states,
+        read.values[action],
+        encoded,
+        strict=True,
     )
-
-
-def _dimension(info: dict[str, Any], feature: str) -> int:
-    """The number of a feature's dimensions, which the data files have still to confirm."""
-    if feature not in info["features"]:
-        there = ", ".join(sorted(info["features"]))
-        raise DatasetError(f"expected the feature {feature!r}, the dataset has {there}")
-    description = info["features"][feature]
-    wanted = f"expected {feature!r} to be a vector of numbers of shape [D > 0]"
-    if not isinstance(description, dict):
-        raise DatasetError(f"{wanted}, found the description {description!r}")
-    dtype, shape = description.get("dtype"), description.get("shape")
-    if dtype in PICTURES:
-        raise DatasetError(
-            f"{wanted}, found {dtype}s of shape {shape}: percepts are made of them by an encoder, "
-            f"load_demonstrations(..., encoders={{{feature!r}: encoder}})"
-        )
-    if not re.match("float|u?int|bool", str(dtype)) or not _is_vector_shape(shape):
-        raise DatasetError(f"{wanted}, found dtype {dtype}, shape {shape}")
-    return shape[0]
-
-
-def _dimension_names(info: dict[str, Any], feature: str) -> tuple[str, ...]:
-    """The names of a feature's dimensions, or their numbers where the dataset has no names."""
-    description = info["features"][feature]
-    return tuple(told_names(description) or map(str, range(description["shape"][0])))
-
-
-def _is_vector_shape(shape: object) -> TypeGuard[list[int]]:
-    return isinstance(shape, list) and [type(size) for size in shape] == [int] and shape[0] > 0
-
-
-def _episode_starts(info: dict[str, Any], frames: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The row at which each episode starts, after comparing the frames with info.json."""
-    found = len(frames["index"])
-    if not np.array_equal(frames["index"], np.arange(found)):
-        raise DatasetError(f"expected the frames' index to run from 0 to {found - 1} without gaps")
-    starts = np.flatnonzero(np.diff(frames["episode_index"], prepend=-1))
-    expected, found = info["total_episodes"], len(np.unique(frames["episode_index"]))
-    if found != expected or len(starts) != expected:
-        raise DatasetError(
-            f"meta/info.json counts {expected} episodes, the data files hold {found} "
-            f"in {len(starts)} runs of frames"
-        )
-    numbers = frames["episode_index"][starts]
-    for before, number in pairwise(numbers.tolist()):
-        if not before < number:
-            raise DatasetError(f"expected ascending episodes, found {number} after {before}")
-    return starts
-
-
-def _check_finite(frames: Mapping[str, np.ndarray], feature: str, names: tuple[str, ...]) -> None:
-    bad = np.argwhere(~np.isfinite(frames[feature]))
-    if len(bad):
-        row, dimension = bad[0]
-        raise DatasetError(
-            f"expected finite numbers, found {len(bad)} others in {feature!r}, the first at index "
-            f"{row} (episode {frames['episode_index'][row]}), dimension {names[dimension]!r}"
-        )
+    episodes = tuple(Demonstration(*episode) for episode in episodes)
+    return Demonstrations(info["fps"], names, episodes, root.resolve().name, action)

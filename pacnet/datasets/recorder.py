@@ -1,49 +1,55 @@
-"""Demonstrations recorded as a LeRobot dataset (format v3.0) that loses no finished episode.
+"""Demonstrations recorded as a LeRobot dataset (format v3.0), safe against crashes.
 
-An episode goes to the journal in the dataset's folder (`journal/`) and is on the
-disk when `save_episode` returns. The journal is folded into the dataset when the recording is
-closed; where the process was killed before, by the next `Recorder` of the dataset or by `recover`.
-An episode that is recorded frame by frame is in memory until it is saved. Writing needs pyarrow
-alone.
+`save_episode` writes the episode to the journal in the dataset's folder (`journal/`) and waits for
+the disk. The journal is folded into the dataset when the recording is closed; if the process is
+killed before, by the next `Recorder` of the dataset or by `recover`. Frames that were added one by
+one are in memory alone until `save_episode`.
 """
+
+from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
-from typing import Self, SupportsIndex
+from typing import TYPE_CHECKING, Self, SupportsIndex
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from pacnet.core.interrupts import defer_sigint
-from pacnet.datasets.format.features import Feature, checked_frames, checked_recording, is_text
-from pacnet.datasets.journal.episode_buffer import EpisodeBuffer
-from pacnet.datasets.journal.folding import check_ready, fold
-from pacnet.datasets.journal.journal import Journal, has_journal
+from pacnet.datasets.format.features import (
+    Arrays,
+    Feature,
+    checked_episode,
+    checked_frame,
+    checked_recording,
+    is_text,
+)
 
-__all__ = ["Feature", "Recorder", "recover"]
+# What imports pyarrow, 0.2 s, is imported where it is used.
+if TYPE_CHECKING:
+    from pacnet.datasets.journal.journal import Journal
 
 
 class Recorder:
     """Records demonstrations, into a new dataset or at the end of one; a context manager.
 
     When the `with` block is left, normally, by an exception or by Ctrl-C, every episode saved so
-    far is in the dataset, and frames of an unfinished one are dropped. Of a new dataset without any
-    episode, nothing stays on disk. Leaving the block reads all frames into memory, also those
-    recorded before: the cost of exact statistics.
+    far is in the dataset, and frames of an unfinished one are dropped. A new dataset without any
+    episode is deleted. Leaving the block reads all frames into memory, for exact statistics.
 
-    Annotations such as `novelty` and `winner` are features like others. LeRobot's policies learn
-    from whatever is called `observation*` or `action*`, so these are not.
+    LeRobot's policies learn from all features called `observation*` or `action*`, so give others,
+    such as `novelty` and `winner`, other names.
 
     Example:
         ```python
-        from pacnet.datasets.recorder import Feature, Recorder
+        from pacnet.datasets import Feature, Recorder
 
         features = {
             "observation.state": ("shoulder", "elbow"),
             "action": ("shoulder", "elbow"),
-            "novelty": ("novelty",),
             "winner": Feature(("winner",), "int64"),
-            "next.success": Feature(("success",), "bool"),
         }
         with Recorder("drinking", fps=50, features=features) as recorder:
             recorder.save_episode("drink", {"observation.state": state, "action": action, ...})
@@ -66,13 +72,13 @@ class Recorder:
         features: Mapping[str, Sequence[str] | Feature],
         robot_type: str | None = None,
     ) -> None:
-        """Nothing is written before the `with` block is entered.
+        """Describe the recording; nothing is written before the `with` block is entered.
 
         Args:
             root: The dataset's folder, which is made, or holds a dataset to append to.
             fps: Frames per second [1/s].
-            features: Feature name -> names of its dimensions, or a `Feature` that also says that
-                they are integers or booleans.
+            features: Feature name -> names of its dimensions, or a `Feature` for integers and
+                booleans.
             robot_type: What is recorded, in the description of a new dataset.
 
         Raises:
@@ -82,8 +88,8 @@ class Recorder:
         self._root = Path(root).absolute()  # the working directory may change
         self._recording = checked_recording(fps, features, robot_type)
         self._journal: Journal | None = None  # while the `with` block is open
-        self._turn = threading.Lock()  # of the threads that save
-        self._added = EpisodeBuffer(self._recording.features)
+        self._lock = threading.Lock()  # of the threads that save
+        self._frames: list[Arrays] = []  # added to the unfinished episode
 
     def __enter__(self) -> Self:
         """Open the dataset, after recovering what a killed process recorded into it.
@@ -96,6 +102,9 @@ class Recorder:
             ValueError: Its frames per second, features or robot are others.
             RuntimeError: The `with` block is open already.
         """
+        from pacnet.datasets.journal.folding import check_ready, fold
+        from pacnet.datasets.journal.journal import Journal
+
         if self._journal is not None:
             raise RuntimeError("expected the recorder's `with` block to be entered once at a time")
         try:
@@ -109,22 +118,21 @@ class Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Fold the journal into the dataset, so that all saved episodes can be read.
+        """Fold the journal into the dataset; a fork of the recording process changes nothing."""
+        from pacnet.datasets.journal.folding import fold
 
-        A fork of the process that recorded leaves this to it.
-        """
-        journal = self._opened()
+        journal = self._open_journal()
         if journal.is_forked:
             self._close()
             return
-        with defer_sigint(), self._turn:
+        with defer_sigint(), self._lock:
             try:
                 fold(journal)
             finally:
                 self._close()
 
     def add_frame(self, frame: Mapping[str, ArrayLike]) -> None:
-        """Add a frame to the episode that `save_episode` saves when it is given none.
+        """Add a frame to the episode that the next `save_episode` without frames saves.
 
         Until then it is in memory, and lost when the process is killed or the `with` block is left.
 
@@ -138,24 +146,27 @@ class Recorder:
             RuntimeError: As `save_episode`.
         """
         self._check_open()
-        with self._turn:
-            self._added.add(frame)
+        with self._lock:
+            try:
+                self._frames.append(checked_frame(self._recording.features, frame))
+            except ValueError as error:
+                raise ValueError(f"frame {len(self._frames)}: {error}") from None
 
     def clear_episode(self) -> None:
         """Drop the frames added since the last episode."""
         self._check_open()
-        with self._turn:
-            self._added.clear()
+        with self._lock:
+            self._frames.clear()
 
     def save_episode(self, task: str, frames: Mapping[str, ArrayLike] | None = None) -> None:
-        """Append a whole episode, which no kill can take back; Ctrl-C waits until it is written.
+        """Append a whole episode, which is on the disk when this returns; Ctrl-C waits until then.
 
-        Threads may save at the same time; they take turns.
+        Threads may save at the same time.
 
         Args:
             task: The task in words.
             frames: Feature name -> its values, [T, D]: float32 or float64, stored as float32;
-                integers, stored as int64; or booleans. Without, those that were added.
+                integers, stored as int64; or booleans. None takes those that were added.
 
         Raises:
             ValueError: The task is empty, a feature is missing or unknown, or an array is of
@@ -167,35 +178,39 @@ class Recorder:
         self._check_open()
         if not is_text(task) or not task.strip():
             raise ValueError(f"expected the task in words, got {task!r}")
-        given = None if frames is None else checked_frames(self._recording.features, frames)
-        with defer_sigint(), self._turn:
-            if given is not None and len(self._added):
+        features = self._recording.features
+        columns = None if frames is None else checked_episode(features, frames)
+        with defer_sigint(), self._lock:
+            if columns is None:
+                if not self._frames:
+                    raise ValueError("expected frames, given here or added before, got none")
+                columns = {name: np.stack([row[name] for row in self._frames]) for name in features}
+            elif self._frames:
                 raise ValueError(
-                    f"expected no frames, as {len(self._added)} were added: save them first, or "
+                    f"expected no frames, as {len(self._frames)} were added: save them first, or "
                     "drop them by clear_episode"
                 )
-            columns = self._added.columns() if given is None else given
-            self._opened().add(self._recording, task, columns)
-            self._added.clear()
+            self._open_journal().add(self._recording, task, columns)
+            self._frames.clear()
 
     def _check_open(self) -> None:
-        if self._opened().is_forked:
+        if self._open_journal().is_forked:
             raise RuntimeError("expected to record in the process that entered the `with` block")
 
-    def _opened(self) -> Journal:
+    def _open_journal(self) -> Journal:
         if self._journal is None:
             raise RuntimeError("expected to be inside the recorder's `with` block")
         return self._journal
 
     def _close(self) -> None:
-        self._added.clear()
+        self._frames.clear()
         if self._journal is not None:
             self._journal.close()
             self._journal = None
 
 
 def recover(root: str | Path) -> int:
-    """Make the episodes that a killed process recorded part of their dataset.
+    """Fold the episodes that a killed process recorded into their dataset.
 
     Returns:
         How many there were.
@@ -205,10 +220,13 @@ def recover(root: str | Path) -> int:
         FileExistsError: There is something at `root` that is no dataset.
         DatasetError: The dataset or its journal cannot be read, or its files contradict one
             another.
-        ValueError: Somebody has made it a dataset of something else since.
+        ValueError: The dataset has become one of something else.
     """
+    from pacnet.datasets.journal.folding import fold
+    from pacnet.datasets.journal.journal import JOURNAL, Journal
+
     root = Path(root).absolute()
-    if not has_journal(root):
+    if not (root / JOURNAL).is_dir():
         return 0
-    with defer_sigint(), Journal(root) as journal:
+    with defer_sigint(), closing(Journal(root)) as journal:
         return fold(journal)

@@ -11,7 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from pacnet.datasets.annotations import write_annotated
-from pacnet.datasets.demonstrations import DatasetError, load_demonstrations
+from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.format import DatasetError
 from pacnet.datasets.recorder import Feature, Recorder
 
 LENGTHS = (4, 1, 3)
@@ -42,7 +43,7 @@ def frames(seed: int = 0) -> dict[str, np.ndarray]:
 def write_source(root: Path, values: Mapping[str, np.ndarray], **changes: Any) -> Path:
     """A sound dataset, but for the changes to its info.json."""
     tasks = changes.pop("tasks", ["drink", "wave"])
-    told = {
+    features = {
         name: {"dtype": str(values[name].dtype), "shape": [len(names)], "names": list(names)}
         for name, names in FEATURES.items()
     }
@@ -56,7 +57,7 @@ def write_source(root: Path, values: Mapping[str, np.ndarray], **changes: Any) -
         "fps": 50,
         "total_episodes": len(LENGTHS),
         "total_frames": sum(LENGTHS),
-        "features": told | own,
+        "features": features | own,
     }
     info["features"] |= changes.pop("features", {})
     (root / "meta").mkdir(parents=True)
@@ -156,8 +157,8 @@ def test_whole_numbers_and_booleans_come_back_as_they_were(tmp_path: Path):
     copy = pq.read_table(tmp_path / "copy/data/chunk-000/file-000.parquet")
     assert copy["novel"].to_pylist() == [True, False] * 2 + [True, True, False, True]
     assert copy["winner"].to_pylist() == [2**24 + 1] * 8  # float32 would have made it 2**24
-    told = json.loads((tmp_path / "copy/meta/info.json").read_text())["features"]
-    kinds = {name: told[name]["dtype"] for name in ("reward", "novel", "winner", "action")}
+    features = json.loads((tmp_path / "copy/meta/info.json").read_text())["features"]
+    kinds = {name: features[name]["dtype"] for name in ("reward", "novel", "winner", "action")}
     expected = {"reward": "int64", "novel": "bool", "winner": "int64", "action": "float32"}
     assert kinds == expected
 
@@ -167,8 +168,8 @@ def test_unsigned_numbers_become_whole_numbers(tmp_path: Path):
     write_annotated(write_source(tmp_path / "source", values), tmp_path / "copy", COLUMNS, added())
 
     np.testing.assert_array_equal(column(tmp_path / "copy", "reward"), values["reward"])
-    told = json.loads((tmp_path / "copy/meta/info.json").read_text())["features"]
-    assert told["reward"]["dtype"] == "int64"
+    features = json.loads((tmp_path / "copy/meta/info.json").read_text())["features"]
+    assert features["reward"]["dtype"] == "int64"
 
 
 def test_what_the_recorder_wrote_is_copied_as_it_is(tmp_path: Path):
@@ -197,7 +198,7 @@ def refused(
 
 
 @pytest.mark.parametrize("dtype", ["image", "video"])
-def test_a_dataset_with_pictures_is_refused(tmp_path: Path, dtype: str):
+def test_a_dataset_with_images_is_refused(tmp_path: Path, dtype: str):
     picture = {"dtype": dtype, "shape": [3, 4, 4], "names": None}
     source = write_source(tmp_path / "source", frames(), features={"observation.eye": picture})
 
@@ -219,11 +220,11 @@ def test_whole_numbers_that_float32_may_not_hold_are_refused(tmp_path: Path, lar
     refused(source, "expected integers in 'reward' that float32 holds", error=DatasetError)
 
 
-def test_a_source_that_is_none_is_refused(tmp_path: Path):
+def test_a_source_that_is_no_dataset_is_refused(tmp_path: Path):
     refused(tmp_path / "nowhere", "found no folder", error=DatasetError)
 
 
-def test_a_source_whose_task_is_not_told_is_refused(tmp_path: Path):
+def test_a_source_with_an_empty_task_is_refused(tmp_path: Path):
     source = write_source(tmp_path / "source", frames(), tasks=["drink", " "])
 
     refused(source, "a task in words, .* has ' ' in episode 2", error=DatasetError)
@@ -248,7 +249,7 @@ def test_a_folder_that_exists_is_left_alone(source: Path, tmp_path: Path):
     ("columns", "message"),
     [
         ({}, "expected at least one column"),
-        ({"novelty": ("n",), "reward": ("r",)}, "names that the dataset has not, got reward"),
+        ({"novelty": ("n",), "reward": ("r",)}, "the dataset does not have, got reward"),
         ({"timestamp": ("t",)}, "got 'timestamp'"),
         ({"a/b": ("x",)}, "without '/'"),
         ({"novelty": ("x", "x")}, "distinct dimension names"),

@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from pacnet.datasets.demonstrations import DatasetError, dimension_names, load_demonstrations
+from pacnet.datasets.demonstrations import dimension_names, load_demonstrations
+from pacnet.datasets.format import DatasetError
 
 FEATURES = {"observation.state": 3, "observation.environment_state": 2, "action": 1}
 LENGTHS = (4, 1, 3)
@@ -170,7 +171,7 @@ def test_tasks_are_found_whatever_their_column_is_called(root: Path, words: str)
         (["too", "few"], ("0", "1", "2")),
     ],
 )
-def test_dimensions_have_names_even_where_the_dataset_is_vague(
+def test_dimensions_have_names_even_where_the_dataset_has_none(
     root: Path, names: object, expected: tuple[str, ...]
 ):
     features = json.loads((root / "meta/info.json").read_text())["features"]
@@ -436,7 +437,7 @@ def test_tasks_that_are_not_words(root: Path, numbers: list[object], words: list
     table = pa.table({"task_index": pa.array(numbers), "task": pa.array(words)})
     pq.write_table(table, root / "meta/tasks.parquet")
 
-    message = f"expected tasks as number, words, found {numbers[0]!r}, {words[0]!r}"
+    message = f"expected tasks as index, text, found {numbers[0]!r}, {words[0]!r}"
     with pytest.raises(DatasetError, match=re.escape(message)):
         load_demonstrations(root)
 
@@ -450,7 +451,7 @@ def test_counts_are_finite_numbers(root: Path, entry: str, value: object):
         load_demonstrations(root)
 
 
-def test_dimensions_of_two_features_with_one_name_are_told_apart():
+def test_equal_names_of_two_features_are_prefixed():
     assert dimension_names({"observation.state": ("x", "y"), "action": ("z",)}) == ("x", "y", "z")
     names = dimension_names({"observation.state": ("x", "y"), "observation.eye": ("x",)})
     assert names == ("observation.state.x", "observation.state.y", "observation.eye.x")

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from pacnet.core.durable import write_atomically
 from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.features import Feature
-from pacnet.datasets.format.lerobot_files import DatasetError
-from pacnet.datasets.format.parquet_files import read_parquet
+from pacnet.datasets.format.parquet import read_table
 from pacnet.datasets.journal.folding import fold
 from pacnet.datasets.journal.journal import Journal, check_folded
 from pacnet.datasets.recorder import Recorder, recover
@@ -283,7 +283,7 @@ def test_an_interrupt_while_opening_leaves_nothing(tmp_path: Path, monkeypatch: 
         signal.raise_signal(signal.SIGINT)
         return fold(journal)
 
-    monkeypatch.setattr("pacnet.datasets.recorder.fold", fold_and_interrupt)
+    monkeypatch.setattr("pacnet.datasets.journal.folding.fold", fold_and_interrupt)
     with pytest.raises(KeyboardInterrupt):
         record(tmp_path / "new", episode(0))
 
@@ -303,7 +303,7 @@ def test_an_interrupt_while_closing_waits_until_the_files_are_closed(
             signal.raise_signal(signal.SIGINT)
         return fold(journal)
 
-    monkeypatch.setattr("pacnet.datasets.recorder.fold", interrupt_and_fold)
+    monkeypatch.setattr("pacnet.datasets.journal.folding.fold", interrupt_and_fold)
     with pytest.raises(KeyboardInterrupt):
         record(tmp_path / "new", episode(0), episode(1))
 
@@ -334,7 +334,7 @@ def test_an_interrupt_while_saving_waits_until_the_episode_is_written(
 def test_a_process_that_is_interrupted_keeps_its_finished_episodes(tmp_path: Path):
     code = f"""
         import itertools, sys
-        sys.path.insert(0, {str(PROJECT / "tests")!r})
+        sys.path[:0] = [{str(PROJECT / "tests")!r}, {str(PROJECT / "tests/datasets")!r}]
         from test_recorder import FEATURES, Recorder, episode
         with Recorder({str(tmp_path / "new")!r}, fps=10, features=FEATURES) as recorder:
             for number in itertools.count():
@@ -482,8 +482,8 @@ def test_values_of_another_kind_are_refused(
 
 def statistic(root: Path, name: str) -> list[float]:
     """A statistic of `observation.state`."""
-    told = json.loads((root / "meta/stats.json").read_text(encoding="utf-8"))
-    return told["observation.state"][name]
+    stored = json.loads((root / "meta/stats.json").read_text(encoding="utf-8"))
+    return stored["observation.state"][name]
 
 
 def record_states(root: Path, *episodes: NDArray[np.generic]) -> None:
@@ -526,9 +526,9 @@ def test_statistics_read_each_file_of_frames_once(tmp_path: Path, monkeypatch: p
 
     def note_and_read(path: Path, *columns: Any) -> Any:
         read.append(path)
-        return read_parquet(path, *columns)
+        return read_table(path, *columns)
 
-    monkeypatch.setattr("pacnet.datasets.format.parquet_files.read_parquet", note_and_read)
+    monkeypatch.setattr("pacnet.datasets.format.parquet.read_table", note_and_read)
     record(tmp_path / "new", episode(2))
 
     old = tmp_path / "new/data/chunk-000"
@@ -540,7 +540,7 @@ def test_statistics_read_each_file_of_frames_once(tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize("held", [1, 80, 10**6])
 def test_statistics_of_many_dimensions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: int):
     """However many of them are taken at once: one, two of 40 frames each, or all."""
-    monkeypatch.setattr("pacnet.datasets.format.statistics._HELD", held)
+    monkeypatch.setattr("pacnet.datasets.format.statistics._BLOCK", held)
     rows = np.random.default_rng(0).normal(size=(40, 5)).astype("f4") * np.arange(1, 6)
     record_states(tmp_path, rows[:30], rows[30:])
 
@@ -657,9 +657,9 @@ def test_the_description_counts_what_was_appended(tmp_path: Path):
             for number in numbers:
                 recorder.save_episode(f"task {number % 3}", episode(number, length=number + 1))
 
-    told = json.loads((tmp_path / "new/meta/info.json").read_text())
-    assert told["splits"] == {"train": "0:5"}
-    counts = (told["total_episodes"], told["total_frames"], told["total_tasks"])
+    info = json.loads((tmp_path / "new/meta/info.json").read_text())
+    assert info["splits"] == {"train": "0:5"}
+    counts = (info["total_episodes"], info["total_frames"], info["total_tasks"])
     assert counts == (5, 1 + 2 + 3 + 4 + 5, 3)
 
 
@@ -733,15 +733,15 @@ def test_what_lerobot_wrote_is_appended_to(tmp_path: Path, version: str):
     tables = [pq.read_table(path) for path in sorted((tmp_path / "new/meta/episodes").rglob("*.*"))]
     assert [table["length"].to_pylist() for table in tables] == [[3, 3], [3], [3, 3]]
     assert tables[0].schema.equals(tables[1].schema)
-    told = [table["dataset_from_index"].to_pylist() for table in tables]
-    assert told == [[0, 3], [6], [9, 12]]
+    starts = [table["dataset_from_index"].to_pylist() for table in tables]
+    assert starts == [[0, 3], [6], [9, 12]]
     tasks = pq.read_table(tmp_path / "new/meta/tasks.parquet")
     assert tasks["task"].to_pylist() == [f"task {number}" for number in range(5)]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("version", [*VERSIONS, "ours"])
-def test_lerobot_and_we_append_after_one_another(
+def test_lerobot_and_the_recorder_append_in_turn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: str
 ):
     monkeypatch.setattr("datasets.config.HF_DATASETS_CACHE", tmp_path / "cache")
@@ -831,7 +831,6 @@ def test_a_dataset_with_a_journal_says_how_to_complete_it(tmp_path: Path):
 def test_recording_imports_nothing_heavy(tmp_path: Path):
     code = f"""
         import sys
-        sys.path.insert(0, {str(PROJECT / "tests")!r})
         import numpy as np
         from pacnet.datasets.recorder import Recorder
         with Recorder({str(tmp_path / "new")!r}, 10, {{"action": ("x", "y")}}) as recorder:

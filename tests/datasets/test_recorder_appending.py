@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.features import Feature
-from pacnet.datasets.format.lerobot_files import DatasetError
 from pacnet.datasets.recorder import Recorder
 
 DATA = Path(__file__).parent / "data"
@@ -48,7 +48,7 @@ def assert_holds(root: Path, count: int) -> None:
 
 
 @pytest.mark.parametrize("entry", ["chunks_size", "data_files_size_in_mb", "data_path"])
-def test_what_a_dataset_does_not_say_of_its_files_is_as_ever(tmp_path: Path, entry: str):
+def test_missing_file_settings_have_defaults(tmp_path: Path, entry: str):
     record(tmp_path / "new", 0)
     change_info(tmp_path / "new", lambda info: info.pop(entry))
     record(tmp_path / "new", 1)
@@ -67,7 +67,7 @@ def test_a_dataset_that_does_not_count_is_refused(tmp_path: Path, entry: str):
         record(tmp_path / "new", 1)
 
 
-def test_names_that_tell_their_places(tmp_path: Path):
+def test_names_with_indices(tmp_path: Path):
     """As LeRobot's gamepads and keyboards have them, in whatever order."""
     names = {"gripper": 2, "delta_x": 0, "delta_y": 1}
     record(tmp_path / "new", 0)

@@ -61,7 +61,7 @@ def test_an_episode_is_on_the_disk_when_it_is_saved(tmp_path: Path, events: list
 
 
 @pytest.mark.parametrize("before", [0, 1])
-def test_a_fold_rests_on_nothing_that_is_not_on_the_disk(
+def test_files_are_on_the_disk_before_the_fold_goes_on(
     tmp_path: Path, events: list[Event], before: int
 ):
     folder = tmp_path.resolve() / "new"

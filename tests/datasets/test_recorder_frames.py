@@ -147,7 +147,7 @@ def test_frames_are_either_given_or_added(tmp_path: Path):
         ({"torque": 1.0}, "expected the features .*torque"),
     ],
 )
-def test_a_frame_that_does_not_fit_is_told_at_once(
+def test_a_frame_that_does_not_fit_is_refused_at_once(
     tmp_path: Path, changes: dict[str, Any], message: str
 ):
     with open_recorder(tmp_path / "new") as recorder:

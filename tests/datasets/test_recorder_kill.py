@@ -22,8 +22,8 @@ import pytest
 from numpy.typing import NDArray
 
 from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.features import Feature
-from pacnet.datasets.format.lerobot_files import DatasetError
 from pacnet.datasets.journal.journal import check_folded
 from pacnet.datasets.recorder import Recorder, recover
 
@@ -295,7 +295,7 @@ def test_lerobot_reads_the_dataset_in_whatever_state_a_kill_leaves_it(
         assert_lerobot_reads(root, 2, 4)
 
 
-def test_what_somebody_else_appended_after_a_kill_stays(
+def test_what_another_program_appended_after_a_kill_stays(
     states: list[tuple[int, Path]], tmp_path: Path
 ):
     """Killed at any instant but one, and then another writer came before the recovery."""
@@ -322,7 +322,7 @@ def test_what_somebody_else_appended_after_a_kill_stays(
     assert left == 1
 
 
-def test_one_that_is_appended_to_between_the_last_two_moves_is_refused(
+def test_a_dataset_changed_between_the_last_two_moves_is_refused(
     states: list[tuple[int, Path]], tmp_path: Path
 ):
     for _, root in copies(states, tmp_path):
@@ -352,19 +352,19 @@ def test_the_last_file_to_reach_the_disk_need_not_be_the_last_that_was_moved(
     raise AssertionError
 
 
-def test_a_reader_is_told_of_the_journal_of_a_killed_recording(states: list[tuple[int, Path]]):
-    told = []
+def test_readers_refuse_the_journal_of_a_killed_recording(states: list[tuple[int, Path]]):
+    seen = []
     for saved, root in states:
         count = json.loads((root / "meta/info.json").read_bytes())["total_episodes"]
         try:
             check_folded(root)
         except DatasetError:
             assert count == 2
-            told.append("refused")
+            seen.append("refused")
         else:
             assert count == saved
-            told.append("complete" if saved > 2 else "nothing saved")
-    assert [key for key, _ in itertools.groupby(told)] == ["nothing saved", "refused", "complete"]
+            seen.append("complete" if saved > 2 else "nothing saved")
+    assert [key for key, _ in itertools.groupby(seen)] == ["nothing saved", "refused", "complete"]
 
 
 @pytest.mark.parametrize("start", [0, 2])

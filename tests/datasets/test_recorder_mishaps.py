@@ -1,23 +1,27 @@
 """Claims about recording while threads, forks, other processes, the disk or the user interfere."""
 
+import gc
 import os
 import shutil
+import signal
 import threading
+import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 import pytest
+from filelock import BaseFileLock
 from numpy.typing import NDArray
 
 from pacnet.core.durable import make_folder
 from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.features import Feature
-from pacnet.datasets.format.lerobot_files import DatasetError
-from pacnet.datasets.journal.journal import Journal, check_folded
-from pacnet.datasets.journal.lock import delete_locked, lock_file
+from pacnet.datasets.journal.journal import Journal, check_folded, delete_and_release
 from pacnet.datasets.recorder import Recorder, recover
 
 FEATURES = {"observation.state": ("x", "y"), "action": ("push",)}
@@ -85,7 +89,7 @@ def test_saving_does_not_look_through_what_is_saved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     with open_recorder(tmp_path / "new") as recorder, monkeypatch.context() as patched:
-        patched.setattr("pacnet.datasets.journal.journal._episodes", None)
+        patched.setattr("pacnet.datasets.journal.journal._episode_files", None)
         for seed in range(3):
             recorder.save_episode("task", episode(seed))
 
@@ -146,6 +150,69 @@ def test_a_fork_that_leaves_the_block_leaves_the_recording_alone(
     assert_holds(tmp_path / "new", 0, 1)
 
 
+def fork_and_be_killed(root: Path, pid: Connection) -> None:
+    """Leave a fork behind that lives on with a copy of the recorder."""
+    recorder = open_recorder(root).__enter__()
+    recorder.save_episode("task", episode(0))
+    child = os.fork()
+    if child == 0:
+        time.sleep(60)
+        os._exit(0)
+    pid.send(child)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks")
+def test_a_fork_does_not_hold_the_lock_of_a_killed_recording(
+    forks: ForkServerContext, tmp_path: Path
+):
+    pid, other = forks.Pipe(duplex=False)
+    process = forks.Process(target=fork_and_be_killed, args=(tmp_path / "new", other))
+    process.start()
+    child = pid.recv()
+    process.join()
+    try:
+        assert recover(tmp_path / "new") == 1
+    finally:
+        os.kill(child, signal.SIGKILL)
+
+    assert_holds(tmp_path / "new", 0)
+
+
+def fork_that_forgets_the_recorder(root: Path) -> None:
+    recorder = open_recorder(root).__enter__()
+    recorder.save_episode("task", episode(0))
+    child = os.fork()
+    if child == 0:
+        del recorder
+        gc.collect()
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    with pytest.raises(BlockingIOError):
+        recover(root)
+    recorder.__exit__()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks")
+def test_a_fork_that_forgets_the_recorder_leaves_the_lock_to_its_parent(
+    forks: ForkServerContext, tmp_path: Path
+):
+    run(forks, fork_that_forgets_the_recorder, tmp_path / "new")
+
+    assert_holds(tmp_path / "new", 0)
+
+
+def test_another_thread_may_close_the_recorder(tmp_path: Path):
+    recorder = open_recorder(tmp_path / "new").__enter__()
+    recorder.save_episode("task", episode(0))
+    with ThreadPoolExecutor(1) as pool:
+        with pytest.raises(BlockingIOError):
+            pool.submit(recover, tmp_path / "new").result()
+        pool.submit(recorder.__exit__).result()
+
+    assert_holds(tmp_path / "new", 0)
+
+
 def record_on_a_full_disk(root: Path) -> None:
     import resource
 
@@ -181,7 +248,7 @@ def flipped(content: bytes) -> bytes:
 @pytest.mark.parametrize(
     "damage", [lambda _: b"", lambda content: content[: len(content) // 2], flipped]
 )
-def test_a_damaged_episode_is_named_and_bars_the_others_only_until_it_is_moved(
+def test_a_damaged_episode_is_named_and_the_others_recovered_once_it_is_moved(
     tmp_path: Path, damage: Callable[[bytes], bytes]
 ):
     recorder = open_recorder(tmp_path / "new").__enter__()
@@ -291,12 +358,12 @@ def test_another_recording_may_begin_while_one_is_closed(
 ):
     other = []
 
-    def delete_and_open(path: Path, file: IO[bytes]) -> None:
-        delete_locked(path, file)
+    def delete_and_open(lock: BaseFileLock) -> None:
+        delete_and_release(lock)
         if not other:
             other.append(Journal(tmp_path / "new"))
 
-    monkeypatch.setattr("pacnet.datasets.journal.journal.delete_locked", delete_and_open)
+    monkeypatch.setattr("pacnet.datasets.journal.journal.delete_and_release", delete_and_open)
     record(tmp_path / "new", 0)
     with pytest.raises(BlockingIOError):
         recover(tmp_path / "new")
@@ -320,7 +387,7 @@ def test_another_recording_may_be_closed_while_one_begins(
             if error:
                 raise error
 
-    monkeypatch.setattr("pacnet.datasets.journal.lock.make_folder", make_and_lose)
+    monkeypatch.setattr("pacnet.datasets.journal.journal.make_folder", make_and_lose)
     record(tmp_path / "new", 0)
 
     assert_holds(tmp_path / "new", 0)
@@ -328,8 +395,6 @@ def test_another_recording_may_be_closed_while_one_begins(
 
 def test_a_file_in_place_of_the_folder_of_a_lock_is_an_error(tmp_path: Path):
     (tmp_path / "journal").write_text("mine")
-    with pytest.raises(FileExistsError):
-        lock_file(tmp_path / "journal" / "lock")
     with pytest.raises(FileExistsError, match="expected a dataset or a folder to be made"):
         record(tmp_path, 0)
 

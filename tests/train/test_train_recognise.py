@@ -20,7 +20,7 @@ from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from pacnet.competition.competing_schemas import CompetingSchemasConfig
 from pacnet.competition.recognition import Recognition
 from pacnet.datasets.demonstrations import Demonstration
-from pacnet.datasets.format.lerobot_files import read_info
+from pacnet.datasets.format.info import read_info
 from pacnet.datasets.recorder import Recorder
 from pacnet.evaluation.recognised import Watched, column_names, column_values
 from pacnet.evaluation.recognition_figures import recognition_over_time

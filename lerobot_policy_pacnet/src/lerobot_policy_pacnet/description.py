@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from lerobot.utils.constants import ACTION
 
-from pacnet.datasets.format.lerobot_files import told_names
+from pacnet.datasets.format.info import listed_names
 
 _SNAPSHOTS = "snapshots"  # folder of the Hub's cache, in which datasets are named by a digest
 
@@ -82,7 +82,7 @@ def _dimension_names(features: Mapping[str, Any], feature: str) -> tuple[str, ..
     if feature not in features:
         raise ValueError(f"expected the feature {feature!r}, the dataset has {', '.join(features)}")
     told = {**features[feature], "shape": list(features[feature]["shape"])}
-    return tuple(told_names(told) or map(str, range(told["shape"][0])))
+    return tuple(listed_names(told) or map(str, range(told["shape"][0])))
 
 
 def _fingerprint(meta: Any, names: Mapping[str, tuple[str, ...]]) -> str:

@@ -1,54 +1,61 @@
-"""What stands in the files of a dataset's `meta/`, laid out as LeRobot's readers want it."""
+"""The tables of `meta/`, laid out as LeRobot's readers expect them: tasks and episodes."""
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
-from pacnet.datasets.format.arrow_columns import to_arrow, to_arrow_lists, to_arrow_words
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.parquet import read_table, to_arrow, to_arrow_lists, to_arrow_text
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-
-def json_bytes(content: Mapping[str, Any]) -> bytes:
-    """A JSON file, indented as LeRobot has it; a ValueError for numbers that JSON has not."""
-    return json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False).encode()
+TASKS = "meta/tasks.parquet"
 
 
-def tasks_table(tasks: Sequence[str]) -> "pa.Table":
-    """The tasks as pandas writes a frame whose index they are: LeRobot looks them up in it."""
-    import pyarrow as pa
+def read_tasks(root: Path) -> dict[int, str]:
+    """Read the tasks by their indices; what the column of the text is called may differ."""
+    path = root / TASKS
+    table = read_table(path)
+    columns = [name for name in table.column_names if name != "task_index"]
+    if len(table.column_names) != 2 or len(columns) != 1:
+        raise DatasetError(f"{path}: expected task_index and a task, found {table.column_names}")
+    rows = list(zip(*(table[name].to_pylist() for name in ("task_index", *columns)), strict=True))
+    for index, task in rows:
+        if type(index) is not int or not isinstance(task, str):
+            raise DatasetError(f"{path}: expected tasks as index, text, found {index!r}, {task!r}")
+    return dict(rows)
 
+
+def tasks_table(tasks: Sequence[str]) -> pa.Table:
+    """Return the tasks as pandas writes a frame whose index they are: LeRobot looks them up so."""
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored}
         for name, kind, stored in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
     ]
-    told = {
+    layout = {
         "index_columns": ["task"],
         "column_indexes": [{"name": None, "pandas_type": "unicode", "numpy_type": "object"}],
         "columns": [column | {"metadata": None} for column in columns],
         "pandas_version": "2.0.0",
     }
-    numbers = to_arrow(np.arange(len(tasks), dtype=np.int64)[:, None])
+    indices = to_arrow(np.arange(len(tasks), dtype=np.int64)[:, None])
     return pa.table(
-        {"task_index": numbers, "task": to_arrow_words(tasks)},
-        metadata={b"pandas": json.dumps(told).encode()},
+        {"task_index": indices, "task": to_arrow_text(tasks)},
+        metadata={b"pandas": json.dumps(layout).encode()},
     )
 
 
-def episodes_table(rows: Sequence[Mapping[str, Any]], schema: "pa.Schema | None") -> "pa.Table":
-    """The episodes' descriptions.
+def episodes_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema | None) -> pa.Table:
+    """Return the episodes' descriptions.
 
     Args:
         rows: For each episode, name of a column -> an integer, a list of numbers, or a list of one
             text.
-        schema: Columns of the dataset's older episodes, which the new ones then have as well: what
-            they lack in them stays empty.
+        schema: Columns of the dataset's older episodes: the new ones get the same, and gaps in
+            those that are missing in `rows`.
     """
-    import pyarrow as pa
-
     columns = {name: _column([row[name] for row in rows]) for name in rows[0]}
     if schema is None:
         return pa.table(columns)
@@ -61,12 +68,10 @@ def episodes_table(rows: Sequence[Mapping[str, Any]], schema: "pa.Schema | None"
     return pa.table(aligned, names=schema.names)
 
 
-def _column(values: Sequence[Any]) -> "pa.Array":
-    import pyarrow as pa
-
+def _column(values: Sequence[Any]) -> pa.Array:
     if isinstance(values[0], int):
         return to_arrow(np.array(values, dtype=np.int64)[:, None])
     if isinstance(values[0][0], str):
-        offsets = to_arrow(np.arange(len(values) + 1, dtype=np.int32)[:, None])
-        return pa.ListArray.from_arrays(offsets, to_arrow_words([value[0] for value in values]))
-    return to_arrow_lists(np.array(values))
+        return to_arrow_lists(to_arrow_text([value[0] for value in values]), 1)
+    rows = np.array(values)
+    return to_arrow_lists(to_arrow(rows.reshape(-1, 1)), rows.shape[1])

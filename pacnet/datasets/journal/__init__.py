@@ -1,1 +1,1 @@
-"""The journal of a recording, and how it becomes part of a dataset."""
+"""The journal of a recording: crash-safe storage of its episodes until they are folded."""

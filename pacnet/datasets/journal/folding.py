@@ -1,68 +1,58 @@
-"""The journal of a recording becomes part of its dataset, or the dataset's beginning.
+"""Fold the journal of a recording into its dataset, or into a new one.
 
-All new files are staged and take their places together (`staging.py`), in an order in which
-LeRobot reads the dataset as it was until `meta/episodes` and `meta/info.json` are the new
-ones. The statistics are those of all frames: each fold reads the old ones, and writes none of them.
+All new files are staged and moved together (`staging.py`), in an order in which LeRobot reads the
+old dataset until the new `meta/episodes` and `meta/info.json` are in place. The statistics cover
+all frames, so each fold reads the old data files; it rewrites none of them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from pacnet.core.durable import open_synced
-from pacnet.datasets.format.arrow_columns import to_arrow, to_numpy
-from pacnet.datasets.format.description import check_same
-from pacnet.datasets.format.errors import DatasetError
-from pacnet.datasets.format.features import Recording
-from pacnet.datasets.format.files import (
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.appending import (
     STATISTICS,
     Dataset,
     FileNumber,
-    check_places,
-    features_of,
-    new_dataset,
-    read_dataset,
+    check_orphans,
+    open_dataset,
 )
-from pacnet.datasets.format.lerobot_files import INFO, TASKS
-from pacnet.datasets.format.old_frames import check_frames, check_orphans
+from pacnet.datasets.format.features import Recording
+from pacnet.datasets.format.info import INFO, json_bytes
+from pacnet.datasets.format.parquet import read_columns, to_arrow, to_numpy
 from pacnet.datasets.format.statistics import statistics
-from pacnet.datasets.format.tables import episodes_table, json_bytes, tasks_table
-from pacnet.datasets.journal.frame_files import FrameFiles
+from pacnet.datasets.format.tables import TASKS, episodes_table, tasks_table
+from pacnet.datasets.journal.episode_file import read_episode
 from pacnet.datasets.journal.journal import Journal
-from pacnet.datasets.journal.journal_files import read_episode
-from pacnet.datasets.journal.staging import Stage, settle
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from pacnet.datasets.journal.staging import Stage, finish_commit
 
 
 def fold(journal: Journal) -> int:
-    """Fold all episodes of a journal, after completing what a killed process began.
-
-    Returns:
-        How many episodes were folded.
+    """Complete what a killed process began, then fold all episodes of a journal; return how many.
 
     Raises:
-        DatasetError: The dataset or the journal cannot be read, or the dataset's files contradict
-            one another.
-        ValueError: The dataset is of something else by now.
+        DatasetError: Dataset or journal cannot be read, or its files contradict one another.
+        ValueError: The dataset has become one of something else.
     """
-    settle(journal.folder)
+    finish_commit(journal.folder)
     episodes = journal.episodes()
     if episodes:
         dataset = _dataset_of(journal, read_episode(episodes[0])[0])
         stage = Stage(journal.folder)
-        _stage_files(journal.root, dataset, episodes, stage)
+        _stage_files(dataset, episodes, stage)
         stage.commit(episodes)
     return len(episodes)
 
 
 def _dataset_of(journal: Journal, recording: Recording) -> Dataset:
-    """The dataset that a journal's recording belongs to."""
     try:
-        return find_dataset(journal.root, recording)
+        return open_dataset(journal.root, recording)
     except DatasetError:
         raise
     except ValueError as error:
@@ -72,85 +62,42 @@ def _dataset_of(journal: Journal, recording: Recording) -> Dataset:
         ) from None
 
 
-def find_dataset(root: Path, recording: Recording) -> Dataset:
-    """The dataset that a recording is appended to, or a new one.
-
-    Raises:
-        DatasetError: The dataset or its frames cannot be read, or its files contradict one another
-            or are there without `meta/info.json`.
-        ValueError: It is of something else.
-    """
-    if not (root / INFO).exists():
-        _check_begun(root)
-        dataset = new_dataset(recording)
-    else:
-        dataset = read_dataset(root)
-        check_same(root, dataset.info, recording)
-        check_frames(root, dataset)
-    check_places(root, dataset)
-    return dataset
-
-
 def check_ready(root: Path, recording: Recording) -> None:
-    """Refuse what the episodes of a recording could not be folded into.
-
-    Raises:
-        DatasetError: As `find_dataset`, or a file of frames belongs to no episode, but for the one
-            that is written over.
-        ValueError: As `find_dataset`.
-    """
-    dataset = find_dataset(root, recording)
-    check_orphans(root, dataset, [dataset.frames_place(dataset.next_frames)])
-    _try_frame(dataset, recording)
-
-
-def _try_frame(dataset: Dataset, recording: Recording) -> None:
-    """Refuse a dataset in whose columns no frame of the recording can be described."""
-    import pyarrow as pa
-
+    """Raise what `fold` would raise if the journal had an episode of this recording."""
+    dataset = open_dataset(root, recording)
+    check_orphans(dataset, [dataset.data_path(dataset.next_data_file)])
+    # Describe an episode of one frame, to see whether the columns of `meta/episodes` take it.
     columns = {
-        name: to_arrow(np.zeros((1, len(told.names)), told.dtype))
-        for name, told in recording.features.items()
+        name: to_arrow(np.zeros((1, len(feature.names)), feature.dtype))
+        for name, feature in recording.features.items()
     }
-    table = _with_own_columns(dataset.info, pa.table(columns), 0, 0, 0)
-    row = _described(table, "task", dataset.info["features"]) | _placed("data", FileNumber(0, 0))
-    _episodes_bytes(dataset, [row | _placed("meta/episodes", FileNumber(0, 0))])
+    frame = _with_index_columns(dataset, pa.table(columns), 0, 0, 0)
+    _episodes_content(dataset, [_episode_row(dataset, frame, "task", dataset.next_data_file)])
 
 
-def _check_begun(root: Path) -> None:
-    """Refuse to begin a dataset over the files of one that has lost its description."""
-    for folder in (root / "data", root / "meta"):
-        if any(path.is_file() for path in folder.rglob("*")):
-            raise DatasetError(
-                f"{root} has files in {folder.name}/ and no {INFO}: bring it back, or move data/ "
-                "and meta/ away to begin a new dataset"
-            )
-
-
-def _stage_files(root: Path, dataset: Dataset, episodes: Sequence[Path], stage: Stage) -> None:
-    """Write the dataset's next files, those first that nobody looks for without the others."""
+def _stage_files(dataset: Dataset, episodes: Sequence[Path], stage: Stage) -> None:
+    """Write the dataset's next files, first those that no reader looks for without the others."""
     tasks = list(dataset.tasks)
-    fresh, rows = _stage_frames(dataset, episodes, tasks, stage)
-    check_orphans(root, dataset, stage.places)
-    frames = [*(dataset.frames_path(root, number) for number in dataset.frame_files), *fresh]
-    whole = _statistics_of(frames, dataset.info["features"])
-    _stage_bytes(stage, STATISTICS, json_bytes(whole))
-    _stage_table(stage, TASKS, tasks_table(tasks))
-    _stage_bytes(stage, dataset.episodes_place(), _episodes_bytes(dataset, rows))
+    new_paths, rows = _stage_frames(dataset, episodes, tasks, stage)
+    check_orphans(dataset, stage.paths)
+    _write(stage, STATISTICS, json_bytes(_statistics_of(dataset, new_paths)))
+    _write(stage, TASKS, _parquet_content(tasks_table(tasks)))
+    _write(stage, dataset.episodes_path(), _episodes_content(dataset, rows))
     counts = {
         "total_episodes": dataset.info["total_episodes"] + len(rows),
         "total_frames": rows[-1]["dataset_to_index"],
         "total_tasks": len(tasks),
     }
     splits = {"splits": {"train": f"0:{counts['total_episodes']}"}}
-    _stage_bytes(stage, INFO, json_bytes(dataset.info | counts | splits))
+    _write(stage, INFO, json_bytes(dataset.info | counts | splits))
 
 
-def _statistics_of(files: Sequence[Path], features: Mapping[str, Any]) -> dict[str, Any]:
-    """The statistics of all frames in these files, by feature."""
+def _statistics_of(dataset: Dataset, new_paths: Sequence[Path]) -> dict[str, Any]:
+    """Return the statistics of all frames, by feature; each file is read once."""
+    files = [read_columns(path, dataset.dimensions) for path in (*dataset.data_paths(), *new_paths)]
     found = {}
-    dimensions = {name: told["shape"][0] for name, told in features.items()}
-    for name, rows in features_of(files, dimensions):
+    for name in dataset.dimensions:
+        rows = np.concatenate([columns.pop(name) for columns in files])
         if not np.isfinite(rows).all():  # and the statistics of its episode do not say so
             raise DatasetError(f"expected finite numbers in {name!r}, found others in old frames")
         found[name] = statistics(rows)
@@ -160,43 +107,75 @@ def _statistics_of(files: Sequence[Path], features: Mapping[str, Any]) -> dict[s
 def _stage_frames(
     dataset: Dataset, episodes: Sequence[Path], tasks: list[str], stage: Stage
 ) -> tuple[list[Path], list[dict[str, Any]]]:
-    """The files of the new frames and the descriptions of their episodes; new tasks are added."""
-    info, rows = dataset.info, []
-    start, first = info["total_frames"], read_episode(episodes[0])[0]
-    with FrameFiles(dataset, stage) as files:
-        for number, path in enumerate(episodes, start=info["total_episodes"]):
+    """Write the new data files and return them with the episodes' rows; new tasks are added."""
+    rows: list[dict[str, Any]] = []
+    start, first = dataset.info["total_frames"], read_episode(episodes[0])[0]
+    with _DataFiles(dataset, stage) as files:
+        for index, path in enumerate(episodes, start=dataset.info["total_episodes"]):
             recording, task, table = read_episode(path)
             if recording[:2] != first[:2]:
                 raise DatasetError(f"{path} is of another recording than {episodes[0].name}")
             if task not in tasks:
                 tasks.append(task)
-            table = _with_own_columns(info, table, start, number, tasks.index(task))
-            place = files.add(table)
-            rows.append(_described(table, task, info["features"]) | _placed("data", place))
-            rows[-1] |= _placed("meta/episodes", dataset.next_episodes)
+            table = _with_index_columns(dataset, table, start, index, tasks.index(task))
+            rows.append(_episode_row(dataset, table, task, files.add(table)))
             start += len(table)
     return files.paths, rows
 
 
-def _with_own_columns(
-    info: dict[str, Any], table: "pa.Table", start: int, episode: int, task: int
-) -> "pa.Table":
-    """An episode's features and the format's own columns, in the dataset's order."""
-    time = np.arange(len(table), dtype=np.int64)
-    own = {
-        "timestamp": (time / info["fps"]).astype(np.float32),
-        "frame_index": time,
-        "episode_index": np.full_like(time, episode),
-        "index": start + time,
-        "task_index": np.full_like(time, task),
+class _DataFiles(ExitStack):
+    """Writes new data files: one row group per episode, and another file where one is full."""
+
+    def __init__(self, dataset: Dataset, stage: Stage) -> None:
+        super().__init__()
+        self.paths: list[Path] = []  # written so far
+        self._dataset, self._stage = dataset, stage
+        self._number = dataset.next_data_file
+        self._max_bytes = dataset.info["data_files_size_in_mb"] * 2**20
+        self._file: IO[bytes] | None = None
+
+    def add(self, table: pa.Table) -> FileNumber:
+        """Append an episode and return the number of the file that it is in."""
+        if self._file is None:
+            self._begin(table.schema)
+        elif self._file.tell() + table.nbytes > self._max_bytes:
+            self.close()
+            self._number = self._number.next(self._dataset.info["chunks_size"])
+            self._begin(table.schema)
+        self._writer.write_table(table)
+        return self._number
+
+    def _begin(self, schema: pa.Schema) -> None:
+
+        path = self._stage.add(self._dataset.data_path(self._number))
+        self.paths.append(path)
+        self._file = self.enter_context(open_synced(path))
+        self._writer = self.enter_context(
+            pq.ParquetWriter(self._file, schema, compression="snappy", use_dictionary=False)
+        )
+
+
+def _with_index_columns(
+    dataset: Dataset, table: pa.Table, start: int, episode: int, task: int
+) -> pa.Table:
+    """Return an episode's features and index columns, in the dataset's order."""
+    frames = np.arange(len(table), dtype=np.int64)
+    index_columns = {
+        "timestamp": (frames / dataset.info["fps"]).astype(np.float32),
+        "frame_index": frames,
+        "episode_index": np.full_like(frames, episode),
+        "index": start + frames,
+        "task_index": np.full_like(frames, task),
     }
-    for name, column in own.items():
+    for name, column in index_columns.items():
         table = table.append_column(name, to_arrow(column[:, None]))
-    return table.select(list(info["features"]))
+    return table.select([*dataset.dimensions])
 
 
-def _described(table: "pa.Table", task: str, features: Mapping[str, Any]) -> dict[str, Any]:
-    """An episode's row in `meta/episodes`, but for where its files are."""
+def _episode_row(
+    dataset: Dataset, table: pa.Table, task: str, data_file: FileNumber
+) -> dict[str, Any]:
+    """Return an episode's row in `meta/episodes`."""
     start = table["index"][0].as_py()
     row = {
         "episode_index": table["episode_index"][0].as_py(),
@@ -205,39 +184,30 @@ def _described(table: "pa.Table", task: str, features: Mapping[str, Any]) -> dic
         "dataset_from_index": start,
         "dataset_to_index": start + len(table),
     }
-    for feature, told in features.items():
-        found = statistics(to_numpy(table[feature], told["shape"][0]))
+    for feature, dimension in dataset.dimensions.items():
+        found = statistics(to_numpy(table[feature], dimension))
         row |= {f"stats/{feature}/{name}": value for name, value in found.items()}
+    for kind, file in (("data", data_file), ("meta/episodes", dataset.next_episodes_file)):
+        row |= {f"{kind}/{name}": number for name, number in file._asdict().items()}
     return row
 
 
-def _placed(kind: str, file: FileNumber) -> dict[str, int]:
-    return {f"{kind}/{name}": number for name, number in file._asdict().items()}
-
-
-def _episodes_bytes(dataset: Dataset, rows: Sequence[dict[str, Any]]) -> "pa.Buffer":
-    """The next file of episodes, in the columns of the older ones."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    content = pa.BufferOutputStream()
+def _episodes_content(dataset: Dataset, rows: Sequence[dict[str, Any]]) -> pa.Buffer:
+    """Return the next file of episodes, in the columns of the older ones."""
     try:
-        table = episodes_table(rows, dataset.episodes_schema)
-        pq.write_table(table, content, compression="snappy")
+        return _parquet_content(episodes_table(rows, dataset.episodes_schema))
     except pa.ArrowException as error:
         raise DatasetError(
             f"expected columns in meta/episodes that new episodes fit into: {error}"
         ) from error
+
+
+def _parquet_content(table: pa.Table) -> pa.Buffer:
+    content = pa.BufferOutputStream()
+    pq.write_table(table, content, compression="snappy")
     return content.getvalue()
 
 
-def _stage_bytes(stage: Stage, place: str, content: "bytes | pa.Buffer") -> None:
-    with open_synced(stage.add(place)) as file:
+def _write(stage: Stage, path: str, content: bytes | pa.Buffer) -> None:
+    with open_synced(stage.add(path)) as file:
         file.write(content)
-
-
-def _stage_table(stage: Stage, place: str, table: "pa.Table") -> None:
-    import pyarrow.parquet as pq
-
-    with open_synced(stage.add(place)) as file:
-        pq.write_table(table, file, compression="snappy")

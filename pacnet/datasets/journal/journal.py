@@ -1,32 +1,29 @@
-"""The journal of a recording: each finished episode in a file of its own, until all are folded.
+"""The journal of a recording: one file for each finished episode, until all are folded.
 
-It lies in the dataset's folder, as `journal/`, and goes when the recording is closed. Who holds the
-lock in it records. Each episode's file says all that is needed to make a dataset of it, and ends
-with its checksum.
+It is the folder `journal/` of the dataset and is deleted when the recording is closed. The process
+that holds the lock in it is the one that records.
 """
 
 import os
-from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Self
 
-from numpy.typing import NDArray
+from filelock import BaseFileLock, FileLock, Timeout
 
-from pacnet.core.durable import write_atomically
-from pacnet.datasets.format.errors import DatasetError
-from pacnet.datasets.format.features import Recording
-from pacnet.datasets.format.lerobot_files import INFO
-from pacnet.datasets.format.places import EPISODE_FILE, JOURNAL, check_journal
-from pacnet.datasets.journal.journal_files import episode_bytes
-from pacnet.datasets.journal.lock import delete_locked, lock_file
-from pacnet.datasets.journal.staging import is_complete
+from pacnet.core.durable import make_folder, write_atomically
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.features import Arrays, Recording
+from pacnet.datasets.format.info import INFO
+from pacnet.datasets.journal.episode_file import episode_bytes
+from pacnet.datasets.journal.staging import EPISODE_FILE, check_journal, is_complete
 
+JOURNAL = "journal"
 _LOCK = "lock"
+_ATTEMPTS = 100  # at locking a file whose folder other processes delete and make again
 
 
 class Journal:
-    """The journal of one dataset, this process's alone until it is closed.
+    """The journal of one dataset, open to this process alone.
 
     Attributes:
         root: The dataset's folder.
@@ -37,7 +34,7 @@ class Journal:
         """Make the folders where they are missing, and take the lock.
 
         Raises:
-            BlockingIOError: Somebody else records into the dataset.
+            BlockingIOError: Another recording into the dataset goes on.
             FileExistsError: There is something at `root` that is no dataset.
             DatasetError: There is something in the journal that no recording has left there.
         """
@@ -45,70 +42,48 @@ class Journal:
         self.root, self.folder = root, root / JOURNAL
         self._process = os.getpid()
         self._made_root = not root.exists()
-        self._lock = _locked(root)
+        self._lock = acquire_lock(root)
         try:
             last = self.episodes()[-1:]
-            if not last:
-                _check_free(root)
+            # A folder with a journal alone is left of a recording that was killed at its start.
+            is_ours = last or (root / INFO).exists()
+            if not is_ours and {path.name for path in root.iterdir()} != {JOURNAL}:
+                raise _exists(root)
         except BaseException:
             self.close()
             raise
-        self._next = _number(last[0]) + 1 if last else 0
+        self._next = _index_of(last[0]) + 1 if last else 0
 
     @property
     def is_forked(self) -> bool:
-        """Whether this process is a fork of the one whose journal it is."""
+        """Whether this process is a fork of the one that opened the journal."""
         return os.getpid() != self._process
 
     def episodes(self) -> list[Path]:
-        """The files of the episodes, in the order in which they were saved."""
-        return _episodes(self.folder)
+        """Return the files of the episodes, in the order in which they were saved."""
+        return _episode_files(self.folder)
 
-    def add(self, recording: Recording, task: str, columns: Mapping[str, NDArray]) -> None:
-        """Append an episode, which is on the disk when this returns.
-
-        Args:
-            recording: What it is an episode of.
-            task: The task in words.
-            columns: Feature name -> its values, [T, D] of the feature's dtype.
-        """
+    def add(self, recording: Recording, task: str, columns: Arrays) -> None:
+        """Append an episode with these features [T, D]; it is on the disk when this returns."""
         content = episode_bytes(recording, task, columns)
         write_atomically(self.folder / f"episode-{self._next:06d}.arrow", content)
         self._next += 1
 
     def close(self) -> None:
-        """Release the lock; folders that hold nothing then go. A fork leaves all as it is."""
-        if self.is_forked:
-            self._lock.close()
+        """Release the lock, then delete empty folders; a fork of the process changes nothing."""
+        if self.is_forked:  # filelock has closed the fork's copy of the lock file
             return
-        delete_locked(self.folder / _LOCK, self._lock)
-        with suppress(OSError):  # it holds episodes, or somebody else has opened it by now
+        delete_and_release(self._lock)
+        with suppress(OSError):  # it holds episodes, or another process has opened it by now
             self.folder.rmdir()
             if self._made_root:
                 self.root.rmdir()
 
-    def __enter__(self) -> Self:
-        """The journal, which is open from its making on."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Release the lock."""
-        self.close()
-
-
-def has_journal(root: Path) -> bool:
-    """Whether there is a journal in a dataset's folder, be it empty."""
-    return (root / JOURNAL).is_dir()
-
 
 def check_folded(root: str | Path) -> None:
-    """Refuse a dataset with episodes in its journal, which no reader finds there.
-
-    Raises:
-        DatasetError: There are some; the message says how they become part of the dataset.
-    """
+    """Refuse a dataset with episodes in its journal, where readers do not find them."""
     journal = Path(root) / JOURNAL
-    count = len(_episodes(journal))
+    count = len(_episode_files(journal))
     if count and not is_complete(journal):
         raise DatasetError(
             f"{root} has {count} episodes in its journal: the recording goes on, or was killed and "
@@ -116,35 +91,44 @@ def check_folded(root: str | Path) -> None:
         )
 
 
-def _episodes(journal: Path) -> list[Path]:
+def _episode_files(journal: Path) -> list[Path]:
     check_journal(journal)
-    return sorted(journal.glob("episode-*.arrow"), key=_number)
+    return sorted(journal.glob("episode-*.arrow"), key=_index_of)
 
 
-def _number(path: Path) -> int:
-    """The number of an episode's file, which its name tells."""
+def _index_of(path: Path) -> int:
     match = EPISODE_FILE.fullmatch(path.name)
     if match is None:
         raise DatasetError(f"expected files like episode-000000.arrow, found {path}: move it away")
     return int(match[1])
 
 
-def _locked(root: Path) -> IO[bytes]:
-    try:
-        return lock_file(root / JOURNAL / _LOCK)
-    except BlockingIOError:
-        raise BlockingIOError(
-            f"expected to record into {root} alone, another recording into it goes on"
-        ) from None
-    except (FileExistsError, NotADirectoryError):
-        raise _taken(root) from None
+def acquire_lock(root: Path) -> BaseFileLock:
+    """Lock the dataset's journal without waiting, after making its folder where it is missing."""
+    # Any thread may close the recorder that another one opened.
+    lock = FileLock(root / JOURNAL / _LOCK, timeout=0, thread_local=False)
+    for _ in range(_ATTEMPTS):
+        try:
+            make_folder(root / JOURNAL)
+            lock.acquire()
+        except Timeout:
+            raise BlockingIOError(
+                f"expected to record into {root} alone, another recording into it goes on"
+            ) from None
+        except (FileNotFoundError, FileExistsError):  # another process may be closing its journal
+            continue
+        except NotADirectoryError:
+            break
+        return lock
+    raise _exists(root)
 
 
-def _check_free(root: Path) -> None:
-    """Refuse a folder of something else; one without files is left of a recording not begun."""
-    if not (root / INFO).exists() and {path.name for path in root.iterdir()} != {JOURNAL}:
-        raise _taken(root)
+def delete_and_release(lock: BaseFileLock) -> None:
+    """Delete a lock's file while the lock is held, so that no other process's file is deleted."""
+    with suppress(PermissionError):  # Windows deletes no open file; there, `release` deletes it
+        Path(lock.lock_file).unlink(missing_ok=True)
+    lock.release()
 
 
-def _taken(root: Path) -> FileExistsError:
+def _exists(root: Path) -> FileExistsError:
     return FileExistsError(f"expected a dataset or a folder to be made, {root} exists")

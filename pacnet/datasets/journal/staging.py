@@ -1,130 +1,133 @@
-"""Files of a dataset that are replaced together, whenever the process is killed.
+"""Files of a dataset that are replaced together, even if the process is killed on the way.
 
-They are written into a staging folder. A list of their places, renamed into its name once all of
-them are on the disk, is the instant from which they count; then they are moved, one by one. Killed
-before that instant, the process leaves the old files; after it, what is left to move is in the
-list. As long as any is staged, not all are in place. `meta/info.json` is the last, directly after
-the episodes' file: between the two, the dataset contradicts itself.
+They are written into a staging folder. Once all are on the disk, a list of their paths is renamed
+into place: this commits them. Then they are moved, one by one. A process that is killed before the
+commit leaves the old files; after it, the list says what is left to move. `meta/info.json` moves
+last, directly after the file of episodes: between the two, the dataset contradicts itself.
 
-The list is believed in nothing: it is checked as a whole before the first file is moved.
+The list may have been tampered with, so it is checked as a whole before the first file is moved.
 """
 
 import hashlib
 import json
+import os
+import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple, TypeGuard
 
 from pacnet.core.durable import NEW, sync_folder, write_atomically
-from pacnet.datasets.format.errors import DatasetError
-from pacnet.datasets.format.lerobot_files import INFO
-from pacnet.datasets.format.places import (
-    EPISODE_FILE,
-    STAGED,
-    check_journal,
-    free_for_file,
-    real_path,
-)
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.info import INFO
+from pacnet.datasets.format.paths import path_for_file, real_path
 
+EPISODE_FILE = re.compile(r"episode-([0-9]{6,})\.arrow")  # in the journal
+_STAGED = "fold"  # folder in the journal
 _LIST = "fold.json"
 
 
 class _Commit(NamedTuple):
-    """What the list of a commit says."""
+    """The content of a commit's list."""
 
-    places: list[str]  # of the files, in the order in which they move
-    folded: list[str]  # names of the journal's files that are then deleted
-    info: str | None  # digest of `meta/info.json` as it was
-    new_info: str | None  # and as it will be
+    places: list[str]  # paths of the files in the dataset's folder, in the order they move in
+    folded: list[str]  # names of the journal's files that are deleted afterwards
+    info: str | None  # digest of the old `meta/info.json`
+    new_info: str | None  # and of the new one
 
 
 class Stage:
-    """Files on their way to their places.
+    """Files that are written before they move into the dataset.
 
     Attributes:
-        places: The files' places in the dataset's folder, in the order in which they move there.
+        paths: The files' paths in the dataset's folder, in the order in which they move.
     """
 
     def __init__(self, journal: Path) -> None:
-        """An empty stage; what was staged and not committed before goes.
-
-        Raises:
-            DatasetError: There are links in the journal.
-        """
-        check_journal(journal)
+        """Begin with no files; what was staged and not committed before is deleted."""
         self._journal = journal
-        self._folder = journal / STAGED
+        self._folder = journal / _STAGED
         shutil.rmtree(self._folder, ignore_errors=True)
         self._folder.mkdir()
-        self.places: list[str] = []
+        self.paths: list[str] = []
 
-    def add(self, place: str) -> Path:
-        """Where to write the file for a place, down to the disk.
-
-        Raises:
-            DatasetError: No file of the dataset can be there.
-        """
-        _check_place(self._journal, place)
-        self.places.append(place)
-        return self._folder / str(len(self.places) - 1)
+    def add(self, path: str) -> Path:
+        """Return where to write the file for a path in the dataset."""
+        _check_path(self._journal, path)
+        self.paths.append(path)
+        return self._folder / str(len(self.paths) - 1)
 
     def commit(self, folded: Sequence[Path]) -> None:
-        """Put all files, the last added of which are episodes and `meta/info.json`, into place.
+        """Move all files into the dataset, then delete the journal's files that they contain.
 
-        Args:
-            folded: Files of the journal whose content is in the staged ones; they are deleted.
+        The last two that were added are the file of episodes and `meta/info.json`.
         """
-        assert self.places[-1] == INFO  # the last to move
+        assert self.paths[-1] == INFO
         sync_folder(self._folder)
-        listed = {
-            "places": self.places,
-            "info": _digest(self._journal.parent / INFO),
-            "new_info": _digest(self._folder / str(len(self.places) - 1)),
-            "folded": [path.name for path in folded],
-        }
-        write_atomically(self._journal / _LIST, json.dumps(listed).encode())
-        settle(self._journal)
+        listed = _Commit(
+            self.paths,
+            [path.name for path in folded],
+            _digest(self._journal.parent / INFO),
+            _digest(self._folder / str(len(self.paths) - 1)),
+        )
+        write_atomically(self._journal / _LIST, json.dumps(listed._asdict()).encode())
+        finish_commit(self._journal)
 
 
-def settle(journal: Path) -> None:
-    """Complete what was committed, or drop what was not, before anything else is folded.
+def finish_commit(journal: Path) -> None:
+    """Complete what was committed and delete what was not.
 
-    Where somebody else has changed the dataset since, the commit is dropped: what it was made from
-    is still in the journal.
-
-    Raises:
-        DatasetError: The list of what was committed is damaged or names places outside of the
-            dataset, or there are links in the journal; nothing is changed then.
+    Where the dataset has been changed since, the commit is dropped: the journal still has what it
+    was made from.
     """
-    listed = _listed(journal)
+    listed = _read_list(journal)
     if listed is not None:
-        ours = _digest(journal.parent / INFO) in (listed.info, listed.new_info)
-        if ours and not is_complete(journal):
+        unchanged = _digest(journal.parent / INFO) in (listed.info, listed.new_info)
+        if unchanged and _staged(journal, listed.places):
             _move(journal, listed.places)
-        if is_complete(journal):
+        if not _staged(journal, listed.places):
             for name in listed.folded:
                 (journal / name).unlink(missing_ok=True)
             sync_folder(journal)
         (journal / _LIST).unlink()
         sync_folder(journal)
-    shutil.rmtree(journal / STAGED, ignore_errors=True)
+    shutil.rmtree(journal / _STAGED, ignore_errors=True)
     for path in journal.glob(f"*{NEW}"):
         path.unlink()
 
 
 def is_complete(journal: Path) -> bool:
-    """Whether all that was committed is in place, and only the journal is still to be cleared."""
-    listed = _listed(journal)
+    """Return whether all that was committed is in place, and only the journal is to be cleared."""
+    listed = _read_list(journal)
     return listed is not None and not _staged(journal, listed.places)
 
 
-def _listed(journal: Path) -> _Commit | None:
-    """What was committed, or None."""
+def check_journal(journal: Path) -> None:
+    """Refuse a journal with anything but files and the staging folder, or with links."""
+    if journal.is_symlink():
+        raise DatasetError(f"expected a folder of the dataset's own at {journal}, found a link")
+    for entry in _entries(journal):
+        is_stage = entry.name == _STAGED and entry.is_dir(follow_symlinks=False)
+        for file in _entries(Path(entry.path)) if is_stage else [entry]:
+            if not file.is_file(follow_symlinks=False):
+                raise DatasetError(f"expected a file at {file.path}, found a link or a folder")
+
+
+def _entries(folder: Path) -> list[os.DirEntry[str]]:
+    """Return what is in a folder, if it is there: another process may have just deleted it."""
+    try:
+        with os.scandir(folder) as entries:
+            return [*entries]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+
+
+def _read_list(journal: Path) -> _Commit | None:
+    """Return what was committed, if anything."""
     check_journal(journal)
     path = journal / _LIST
     try:
-        return _checked(journal, json.loads(path.read_bytes()))
+        return _checked_list(journal, json.loads(path.read_bytes()))
     except FileNotFoundError:
         return None
     except (ValueError, RecursionError) as error:
@@ -133,20 +136,18 @@ def _listed(journal: Path) -> _Commit | None:
         ) from None
 
 
-def _checked(journal: Path, listed: object) -> _Commit:
-    """What a list says, or a ValueError."""
-    told = listed if isinstance(listed, dict) else {}
-    places, folded = told.get("places"), told.get("folded")
+def _checked_list(journal: Path, listed: object) -> _Commit:
+    listed = listed if isinstance(listed, dict) else {}
+    places, folded, *digests = (listed.get(name) for name in _Commit._fields)
     if not _are_names(places) or places[-1:] != [INFO]:
-        raise ValueError(f"expected different places, {INFO} the last, found {places!r}")
+        raise ValueError(f"expected different paths, {INFO} the last, found {places!r}")
     if not _are_names(folded) or not all(map(EPISODE_FILE.fullmatch, folded)):
         raise ValueError(f"expected names of episodes' files, found {folded!r}")
-    for place in places:
-        _check_place(journal, place)
-    folders = {str(folder) for place in places for folder in PurePosixPath(place).parents}
+    for path in places:
+        _check_path(journal, path)
+    folders = {str(folder) for path in places for folder in PurePosixPath(path).parents}
     if folders & {*places}:
-        raise ValueError(f"expected places of files, found {folders & {*places}} with others in it")
-    digests = [told.get(name) for name in ("info", "new_info")]
+        raise ValueError(f"expected paths of files, found {folders & {*places}} with others in it")
     for digest in digests:
         if digest is not None and not isinstance(digest, str):
             raise ValueError(f"expected digests as text, found {digest!r}")
@@ -159,39 +160,35 @@ def _are_names(names: object) -> TypeGuard[list[str]]:
     return len(set(names)) == len(names)
 
 
-def _check_place(journal: Path, place: str) -> None:
-    """Refuse a place that is none for a file of the dataset, or lies in its journal."""
-    path = free_for_file(journal.parent, place)
-    if real_path(path).is_relative_to(real_path(journal)):
-        raise DatasetError(f"expected a place outside of the journal, found {path}")
+def _check_path(journal: Path, path: str) -> None:
+    """Refuse a path that no file of the dataset can have, or that lies in its journal."""
+    target = path_for_file(journal.parent, path)
+    if real_path(target).is_relative_to(real_path(journal)):
+        raise DatasetError(f"expected a path outside of the journal, found {target}")
 
 
-def _staged(journal: Path, places: Sequence[str]) -> dict[str, Path]:
-    """Where the files are that are still to be moved, by their places."""
-    paths = {place: journal / STAGED / str(number) for number, place in enumerate(places)}
-    return {place: path for place, path in paths.items() if path.exists()}
+def _staged(journal: Path, paths: Sequence[str]) -> dict[str, Path]:
+    """Return the files that are still to be moved: path in the dataset -> where it is now."""
+    files = {path: journal / _STAGED / str(index) for index, path in enumerate(paths)}
+    return {path: file for path, file in files.items() if file.exists()}
 
 
-def _move(journal: Path, places: Sequence[str]) -> None:
-    """Move what is staged, and nothing between the last two: a kill may come there."""
-    root, last = journal.parent, places[-2:]
-    staged = _staged(journal, places)
-    for place in staged:
-        (root / place).parent.mkdir(parents=True, exist_ok=True)
-    for place in [place for place in staged if place not in last]:
-        staged.pop(place).replace(root / place)
-    _flush_folders(root, places)
-    for place, path in staged.items():
-        path.replace(root / place)
-    for place in last:
-        sync_folder((root / place).parent)
-
-
-def _flush_folders(root: Path, places: Sequence[str]) -> None:
-    """Make durable what was moved, and the folders that were made for it."""
-    for folder in sorted({parent for place in places for parent in Path(place).parents}):
+def _move(journal: Path, paths: Sequence[str]) -> None:
+    """Move what is staged; between the last two, nothing else is done, as a kill may come there."""
+    root, last = journal.parent, paths[-2:]
+    staged = _staged(journal, paths)
+    for path in staged:
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+    for path in [path for path in staged if path not in last]:
+        staged.pop(path).replace(root / path)
+    # Make durable what was moved, and the folders that were made for it.
+    for folder in sorted({parent for path in paths for parent in Path(path).parents}):
         if (root / folder).exists():
             sync_folder(root / folder)
+    for path, file in staged.items():
+        file.replace(root / path)
+    for path in last:
+        sync_folder((root / path).parent)
 
 
 def _digest(path: Path) -> str | None:

@@ -7,7 +7,8 @@ import torch
 from pictures import COLOURS, LENGTHS, TOP, write_pictures
 from torch import Tensor
 
-from pacnet.datasets.demonstrations import DatasetError, load_demonstrations
+from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.format import DatasetError
 
 # What LeRobot's 0.4 line decodes videos with says so.
 pytestmark = pytest.mark.filterwarnings("ignore:The video decoding and encoding:UserWarning")
@@ -47,13 +48,13 @@ def test_an_encoder_may_give_the_same_buffer_every_time(root: Path):
     assert encoded.flatten().tolist() == [1, 2, 3, 4, 5]
 
 
-def test_images_are_left_alone_where_nobody_asks_for_them(root: Path):
+def test_images_without_encoders_are_skipped(root: Path):
     demonstrations = load_demonstrations(root)
     assert set(demonstrations.names) == {"observation.state", "action"}
     assert all(episode.encoded is None for episode in demonstrations)
 
 
-def test_images_as_they_are_are_refused_with_the_way_out(root: Path):
+def test_images_without_encoders_as_a_state_are_refused(root: Path):
     with pytest.raises(DatasetError, match=r"encoders=\{'observation.images.top': encoder\}"):
         load_demonstrations(root, state=TOP)
 

@@ -1,4 +1,4 @@
-"""Claims about datasets of unknown origin: what their files say is checked before it is done."""
+"""Claims about datasets of unknown origin: their files are checked before they are used."""
 
 import copy
 import hashlib
@@ -16,14 +16,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pacnet.datasets.annotations import check_source, write_annotated
+from pacnet.datasets.annotations import check_annotatable, write_annotated
 from pacnet.datasets.demonstrations import load_demonstrations
-from pacnet.datasets.format.encoded_images import encode_images
-from pacnet.datasets.format.errors import DatasetError
-from pacnet.datasets.format.places import within
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.images import encode_images
+from pacnet.datasets.format.paths import path_inside
 from pacnet.datasets.journal import folding, staging
-from pacnet.datasets.journal.journal_files import read_episode
-from pacnet.datasets.journal.lock import lock_file
+from pacnet.datasets.journal.episode_file import read_episode
+from pacnet.datasets.journal.journal import acquire_lock
 from pacnet.datasets.recorder import Feature, Recorder, recover
 
 FEATURES = {
@@ -68,7 +68,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset, the same with a journal of two episodes, and with these about to be moved."""
     folder = tmp_path_factory.mktemp("made")
     record(folder / "plain", 0, 1)
-    for name, module, killed in (("journal", folding, "Stage"), ("commit", staging, "settle")):
+    for name, module, killed in (
+        ("journal", folding, "Stage"),
+        ("commit", staging, "finish_commit"),
+    ):
         shutil.copytree(folder / "plain", folder / name)
         recorder = Recorder(folder / name, 10, FEATURES)
         recorder.__enter__()
@@ -89,14 +92,14 @@ def top(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def place(made: Path, top: Path) -> Path:
+def copy_of(made: Path, top: Path) -> Path:
     shutil.rmtree(top / "sent", ignore_errors=True)
     return Path(shutil.copytree(made, top / "sent"))
 
 
 OPENINGS: dict[str, Callable[[Path], object]] = {
     "load": load_demonstrations,
-    "annotate": lambda root: check_source(root, {"novelty": ("novelty",)}),
+    "annotate": lambda root: check_annotatable(root, {"novelty": ("novelty",)}),
     "recover": recover,
     "record": lambda root: record(root, 9),
 }
@@ -152,20 +155,20 @@ OUTSIDE = [
 
 @pytest.mark.parametrize("outside", OUTSIDE)
 @pytest.mark.parametrize("act", OPENINGS.values(), ids=OPENINGS)
-def test_no_file_is_moved_to_a_place_that_is_none_of_the_dataset(
+def test_no_file_is_moved_out_of_the_dataset(
     made: Path, top: Path, outside: object, act: Callable[[Path], object]
 ):
-    root = place(made / "commit", top)
+    root = copy_of(made / "commit", top)
     change_json(root / LIST, lambda listed: listed["places"].__setitem__(0, outside))
     assert_refused(root, act, r"fold.json is damaged .*: without it, all")
 
 
 @pytest.mark.parametrize("name", ["../../outside/precious", "../meta/info.json", "lock", "", 7])
 @pytest.mark.parametrize("act", WRITERS.values(), ids=WRITERS)
-def test_no_file_is_deleted_that_is_no_episode_of_the_journal(
+def test_only_episodes_of_the_journal_are_deleted(
     made: Path, top: Path, name: object, act: Callable[[Path], object]
 ):
-    root = place(made / "commit", top)
+    root = copy_of(made / "commit", top)
     change_json(root / LIST, lambda listed: listed["folded"].append(name))
     assert_refused(root, act, "expected names of episodes' files")
 
@@ -185,7 +188,7 @@ COMMITS = {
 def test_a_list_is_checked_as_a_whole_before_anything_is_moved(
     made: Path, top: Path, changes: dict[str, object]
 ):
-    root = place(made / "commit", top)
+    root = copy_of(made / "commit", top)
     change_json(root / LIST, lambda listed: listed.update(changes))
     for act in OPENINGS.values():
         assert_refused(root, act, r"fold.json is damaged \(expected .*\): without it, all")
@@ -225,7 +228,7 @@ LINKS = {
 def test_nothing_is_written_moved_or_deleted_through_a_link(
     made: Path, top: Path, linked: str, act: Callable[[Path], object]
 ):
-    root = place(made / "commit", top)
+    root = copy_of(made / "commit", top)
     link(root, linked, top / LINKS[linked])
     assert_refused(root, act)
 
@@ -236,7 +239,7 @@ def test_nothing_is_written_moved_or_deleted_through_a_link(
 def test_nothing_is_recorded_into_a_dataset_with_links_out_of_it(
     made: Path, top: Path, linked: str
 ):
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     target = top / "moved"
     if (root / linked).exists():  # so that all can be read as before
         (root / linked).rename(target)
@@ -244,12 +247,12 @@ def test_nothing_is_recorded_into_a_dataset_with_links_out_of_it(
     assert_refused(root, WRITERS["record"])
 
 
-def test_the_second_new_file_is_no_link_either(made: Path, top: Path):
-    root = place(made / "journal", top)
+def test_a_link_at_the_second_new_file_is_refused(made: Path, top: Path):
+    root = copy_of(made / "journal", top)
     change_json(root / INFO, lambda info: info.update(data_files_size_in_mb=1e-6))
     link(root, "data/chunk-000/file-002.parquet", top / "outside" / "made")
     before = contents(top / "outside")
-    with pytest.raises(DatasetError, match=r"expected a place .* a link to .*made"):
+    with pytest.raises(DatasetError, match=r"expected a path .* a link to .*made"):
         recover(root)
     assert contents(top / "outside") == before
     (root / "data/chunk-000/file-002.parquet").unlink()
@@ -257,10 +260,10 @@ def test_the_second_new_file_is_no_link_either(made: Path, top: Path):
 
 
 @pytest.mark.parametrize("place_of_file", ["meta/stats.json", "data/chunk-000/file-001.parquet"])
-def test_a_folder_in_place_of_a_file_is_told_before_anything_is_recorded(
+def test_a_folder_in_place_of_a_file_is_refused_before_recording(
     made: Path, top: Path, place_of_file: str
 ):
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     (root / place_of_file).unlink(missing_ok=True)
     (root / place_of_file).mkdir()
     assert_refused(root, WRITERS["record"], "expected a file or nothing at")
@@ -268,24 +271,24 @@ def test_a_folder_in_place_of_a_file_is_told_before_anything_is_recorded(
 
 @pytest.mark.parametrize("linked", ["meta/info.json", "meta", "data"])
 def test_a_dataset_is_not_begun_through_a_link(made: Path, top: Path, linked: str):
-    root = place(made / "journal", top)
+    root = copy_of(made / "journal", top)
     for folder in ("data", "meta"):
         shutil.rmtree(root / folder)
     (root / linked).parent.mkdir(exist_ok=True)
     (root / linked).symlink_to(top / "made")
-    assert_refused(root, recover, "expected a place in the dataset, found .* a link to .*made")
+    assert_refused(root, recover, "expected a path in the dataset, found .* a link to .*made")
 
 
 def test_links_may_be_read_and_the_folder_may_be_one(made: Path, top: Path):
     """As datasets lie in the cache of a hub: each file is a link to a folder beside."""
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     for path in [path for path in root.rglob("*") if path.is_file()]:
         target = top / "outside" / path.relative_to(root).as_posix().replace("/", "-")
         path.rename(target)
         path.symlink_to(target)
     assert len(load_demonstrations(root)) == 2
 
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     (top / "linked").symlink_to(root)
     record(top / "linked", 9)
     assert len(load_demonstrations(top / "linked")) == 3
@@ -293,18 +296,18 @@ def test_links_may_be_read_and_the_folder_may_be_one(made: Path, top: Path):
 
 @pytest.mark.skipif(not hasattr(os, "O_NOFOLLOW"), reason="needs the system to follow no links")
 @pytest.mark.parametrize("target", ["outside/made", "outside/precious"])
-def test_a_lock_is_no_link(top: Path, target: str):
+def test_a_link_at_the_lock_is_not_followed(top: Path, target: str):
     (top / "journal").mkdir()
     (top / "journal" / "lock").symlink_to(top / target)
     with pytest.raises(OSError, match="lock"):
-        lock_file(top / "journal" / "lock")
+        acquire_lock(top)
     assert not (top / "outside" / "made").exists()
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
 @pytest.mark.parametrize("name", ["lock", "episode-000000.arrow", "fold.json"])
-def test_nobody_waits_for_a_pipe(made: Path, top: Path, name: str):
-    root = place(made / "plain", top)
+def test_a_pipe_in_the_journal_does_not_block(made: Path, top: Path, name: str):
+    root = copy_of(made / "plain", top)
     (root / "journal").mkdir()
     os.mkfifo(root / "journal" / name)
     for act in OPENINGS.values():
@@ -314,8 +317,8 @@ def test_nobody_waits_for_a_pipe(made: Path, top: Path, name: str):
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
 @pytest.mark.parametrize("name", [FRAMES, EPISODES, "meta/tasks.parquet", INFO])
-def test_nobody_waits_for_a_pipe_in_place_of_a_table(made: Path, top: Path, name: str):
-    root = place(made / "plain", top)
+def test_a_pipe_in_place_of_a_table_does_not_block(made: Path, top: Path, name: str):
+    root = copy_of(made / "plain", top)
     (root / name).unlink()
     os.mkfifo(root / name)
     readers = [] if name == EPISODES else [load_demonstrations]
@@ -325,8 +328,8 @@ def test_nobody_waits_for_a_pipe_in_place_of_a_table(made: Path, top: Path, name
 
 
 @pytest.mark.parametrize("name", ["episode-x.arrow", "episode-1.arrow", "episode-.arrow"])
-def test_a_file_of_the_journal_that_no_recorder_names_so_is_told(made: Path, top: Path, name: str):
-    root = place(made / "journal", top)
+def test_an_unknown_file_in_the_journal_is_refused(made: Path, top: Path, name: str):
+    root = copy_of(made / "journal", top)
     (root / FIRST).rename(root / "journal" / name)
     for act in OPENINGS.values():
         assert_refused(root, act, f"expected files like .* found .*{name}: move it away")
@@ -360,10 +363,10 @@ TEMPLATES = [
 
 
 @pytest.mark.parametrize("template", TEMPLATES)
-def test_a_data_path_names_a_file_of_its_own_for_each_number(
+def test_a_data_path_names_a_different_file_for_each_number(
     made: Path, top: Path, template: object
 ):
-    root = place(made / "journal", top)
+    root = copy_of(made / "journal", top)
     change_json(root / INFO, lambda info: info.update(data_path=template))
     for act in WRITERS.values():
         with pytest.raises(DatasetError, match="expected a data_path like data/chunk"):
@@ -385,7 +388,7 @@ def test_a_data_path_names_a_file_of_its_own_for_each_number(
         ({}, ".."),
     ],
 )
-def test_no_video_is_looked_for_outside_of_the_dataset(
+def test_no_video_outside_of_the_dataset_is_opened(
     tmp_path: Path, changes: dict[str, object], key: str
 ):
     video_path = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
@@ -394,9 +397,9 @@ def test_no_video_is_looked_for_outside_of_the_dataset(
         encode_images(tmp_path, info, {key: lambda image: image.flatten()})
 
 
-def test_a_circle_of_links_and_a_place_that_is_there_already(top: Path):
+def test_circular_links_and_existing_destinations(top: Path):
     (top / "circle").symlink_to(top / "circle")
-    assert within(top, "circle/file") == top / "circle" / "file"  # which nobody can open
+    assert path_inside(top, "circle/file") == top / "circle" / "file"  # which nobody can open
     (top / "copy").symlink_to(top / "nowhere")
     with pytest.raises(FileExistsError, match="expected a folder to be made"):
         write_annotated(top / "sent", top / "copy", {"novelty": ("novelty",)}, [])
@@ -437,7 +440,7 @@ def open_and_leave(root: Path) -> None:
 
 
 def test_a_description_of_any_form_is_read_or_refused(made: Path, top: Path):
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     document = json.loads((root / INFO).read_text())
     before, refused = contents(top), 0
     for text in [*BROKEN, *mutations(document, 200)]:
@@ -472,13 +475,13 @@ DESCRIPTIONS: dict[str, Callable[[dict[str, Any]], object]] = {
 def test_what_new_frames_need_is_checked_before_any_is_recorded(
     made: Path, top: Path, message: str
 ):
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     change_json(root / INFO, DESCRIPTIONS[message])
     assert_refused(root, WRITERS["record"], f"expected .*{message.replace('[', '.')}")
 
 
 def test_a_list_of_a_commit_of_any_form_is_read_or_refused(made: Path, top: Path):
-    root = place(made / "commit", top)
+    root = copy_of(made / "commit", top)
     document = json.loads((root / LIST).read_text())
     before, refused = contents(top), 0
     for text in [*BROKEN, *mutations(document, 10**6)]:
@@ -507,7 +510,7 @@ def stored_table(path: Path) -> pa.Table:
 
 
 def test_an_episode_of_any_description_is_read_or_refused(made: Path, top: Path):
-    path = place(made / "journal", top) / FIRST
+    path = copy_of(made / "journal", top) / FIRST
     table, refused = stored_table(path), 0
     for text in [*BROKEN, *mutations(json.loads(table.schema.metadata[b"pacnet"]), 10**6)]:
         write_episode(path, table.replace_schema_metadata({"pacnet": text}))
@@ -519,8 +522,8 @@ def test_an_episode_of_any_description_is_read_or_refused(made: Path, top: Path)
 
 
 def redescribed(table: pa.Table, **changes: object) -> pa.Table:
-    told = json.loads(table.schema.metadata[b"pacnet"]) | changes
-    return table.replace_schema_metadata({"pacnet": json.dumps(told)})
+    header = json.loads(table.schema.metadata[b"pacnet"]) | changes
+    return table.replace_schema_metadata({"pacnet": json.dumps(header)})
 
 
 CHANGES: dict[str, Callable[[pa.Table], pa.Table]] = {
@@ -541,13 +544,13 @@ CHANGES: dict[str, Callable[[pa.Table], pa.Table]] = {
 def test_an_episode_of_another_form_is_refused(
     made: Path, top: Path, change: Callable[[pa.Table], pa.Table]
 ):
-    root = place(made / "journal", top)
+    root = copy_of(made / "journal", top)
     write_episode(root / FIRST, change(stored_table(root / FIRST)))
     assert_refused(root, recover, "holds no episode .*: once it is moved away, the rest can be")
 
 
 def test_an_episode_of_another_recording_is_refused(made: Path, top: Path):
-    root = place(made / "journal", top)
+    root = copy_of(made / "journal", top)
     other = redescribed(stored_table(root / FIRST), fps=20)
     write_episode(root / "journal/episode-000001.arrow", other)
     with pytest.raises(DatasetError, match=r"of another recording than episode-000000\.arrow"):
@@ -555,9 +558,9 @@ def test_an_episode_of_another_recording_is_refused(made: Path, top: Path):
 
 
 @pytest.mark.parametrize("value", [1, 128])
-def test_bytes_of_an_episode_that_are_others_are_read_or_refused(made: Path, top: Path, value: int):
+def test_an_episode_with_changed_bytes_is_read_or_refused(made: Path, top: Path, value: int):
     """What is read lies in the file, however long the file says that it is."""
-    path = place(made / "journal", top) / FIRST
+    path = copy_of(made / "journal", top) / FIRST
     content = path.read_bytes()[:-32]
     for at in range(len(content)):
         changed = content[:at] + bytes([value]) + content[at + 1 :]
@@ -567,7 +570,7 @@ def test_bytes_of_an_episode_that_are_others_are_read_or_refused(made: Path, top
 
 
 @pytest.mark.parametrize("fps", [2**31, 10**400])
-def test_no_recorder_stores_what_none_could_read(tmp_path: Path, fps: int):
+def test_the_recorder_stores_nothing_that_cannot_be_read(tmp_path: Path, fps: int):
     with pytest.raises(ValueError, match=r"fps as an integer below 2\*\*31, got"):
         Recorder(tmp_path / "new", fps, FEATURES)
     with pytest.raises(ValueError, match=r"'action' of dtype float32, int64, bool, got \['bool'\]"):
@@ -589,35 +592,37 @@ def replace(path: Path, name: str, values: Values) -> None:
 @pytest.mark.parametrize(
     "name", ["data/file_index", "meta/episodes/chunk_index", "dataset_to_index"]
 )
-def test_numbers_of_files_that_are_none(made: Path, top: Path, name: str, values: Values):
-    root = place(made / "plain", top)
+def test_invalid_file_numbers(made: Path, top: Path, name: str, values: Values):
+    root = copy_of(made / "plain", top)
     replace(root / EPISODES, name, values)
     assert_refused(root, WRITERS["record"], f"expected (integers|numbers).* in '{name}'")
 
 
 def test_a_new_file_would_replace_an_old_one(made: Path, top: Path):
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     (root / "data/chunk-000/file-001.parquet").write_bytes((root / FRAMES).read_bytes())
     replace(root / EPISODES, "data/file_index", [1, 0])
     change_json(root / INFO, lambda info: info.update(total_frames=12))
     replace(root / EPISODES, "dataset_to_index", [6, 12])
-    assert_refused(root, WRITERS["record"], "expected the last episode in the last of its files")
+    assert_refused(
+        root, WRITERS["record"], "expected the last episode in the last of its data files"
+    )
 
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     (root / EPISODES).rename(root / "meta/episodes/chunk-000/file-001.parquet")
     assert_refused(root, WRITERS["record"], "file-001.parquet to be numbered in meta/episodes")
 
 
 @pytest.mark.parametrize("numbers", [[True], [0.0], ["0"], [None]])
-def test_tasks_that_have_no_numbers(made: Path, top: Path, numbers: Values):
-    root = place(made / "plain", top)
+def test_tasks_without_indices(made: Path, top: Path, numbers: Values):
+    root = copy_of(made / "plain", top)
     replace(root / "meta/tasks.parquet", "task_index", numbers)
     for act in (load_demonstrations, WRITERS["record"]):
-        assert_refused(root, act, "expected tasks as number, words")
+        assert_refused(root, act, "expected tasks as index, text")
 
 
-def test_no_frames_are_told_by_a_number(made: Path, top: Path):
-    root = place(made / "plain", top)
+def test_no_frames_are_counted_by_an_integer(made: Path, top: Path):
+    root = copy_of(made / "plain", top)
     shutil.rmtree(root / "data")
     shutil.rmtree(root / "meta/episodes")
     counts = dict.fromkeys(("total_frames", "total_episodes"), False)
@@ -626,8 +631,8 @@ def test_no_frames_are_told_by_a_number(made: Path, top: Path):
 
 
 @pytest.mark.parametrize("rows", [0, 1])
-def test_episodes_that_are_not_there(made: Path, top: Path, rows: int):
-    root = place(made / "plain", top)
+def test_missing_episodes(made: Path, top: Path, rows: int):
+    root = copy_of(made / "plain", top)
     pq.write_table(pq.read_table(root / EPISODES).slice(0, rows), root / EPISODES)
     assert_refused(root, WRITERS["record"], "expected .*episodes")
 
@@ -636,14 +641,14 @@ def test_episodes_that_are_not_there(made: Path, top: Path, rows: int):
     "kind", [pa.struct([("a", pa.int64())]), pa.map_(pa.string(), pa.int64()), pa.date32()]
 )
 def test_columns_that_no_new_episode_fits_into(made: Path, top: Path, kind: pa.DataType):
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     replace(root / EPISODES, "stats/action/mean", pa.nulls(2, kind))
     assert_refused(root, WRITERS["record"], "expected columns in meta/episodes that new episodes")
 
 
 @pytest.mark.parametrize("file", [FRAMES, EPISODES, "meta/tasks.parquet"])
 def test_two_columns_of_one_name(made: Path, top: Path, file: str):
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     table = pq.read_table(root / file)
     for name in table.column_names:
         table = table.append_column(name, table[name])
@@ -657,8 +662,8 @@ def test_two_columns_of_one_name(made: Path, top: Path, file: str):
 @pytest.mark.parametrize(
     "values", [[0.5] * 6, [float("nan")] * 6, [-1] * 6, pa.array([2**63] * 6, pa.uint64())]
 )
-def test_indices_that_are_no_numbers_of_anything(made: Path, top: Path, name: str, values: Values):
-    root = place(made / "plain", top)
+def test_invalid_indices(made: Path, top: Path, name: str, values: Values):
+    root = copy_of(made / "plain", top)
     replace(root / FRAMES, name, values)
     assert_refused(root, load_demonstrations, f"expected integers .*in '{name}'")
 
@@ -668,13 +673,13 @@ def test_indices_that_are_no_numbers_of_anything(made: Path, top: Path, name: st
 
 @pytest.mark.parametrize("feature", ["observation.state", "action", "winner"])
 @pytest.mark.parametrize("names", [None, ["x", "y"]])
-def test_a_shape_is_believed_only_of_what_the_files_hold(
+def test_a_shape_is_compared_with_the_files(
     made: Path, top: Path, feature: str, names: list[str] | None
 ):
     """The names of its dimensions would not fit into memory."""
-    root = place(made / "plain", top)
-    told = {"shape": [10**12], "names": names}
-    change_json(root / INFO, lambda info: info["features"][feature].update(told))
+    root = copy_of(made / "plain", top)
+    entry = {"shape": [10**12], "names": names}
+    change_json(root / INFO, lambda info: info["features"][feature].update(entry))
     options = {"state": feature, "action": feature, "environment_state": None}
     assert_refused(root, lambda root: load_demonstrations(root, **options), "expected numbers in")
     with pytest.raises(ValueError, match=r"expected .* as .* in"):
@@ -684,14 +689,14 @@ def test_a_shape_is_believed_only_of_what_the_files_hold(
 @pytest.mark.parametrize("name", ["total_frames", "total_episodes"])
 @pytest.mark.parametrize("count", [10**12, 10**300, True])
 def test_counts_are_compared_with_the_files(made: Path, top: Path, name: str, count: int):
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     change_json(root / INFO, lambda info: info.update({name: count}))
     assert_refused(root, load_demonstrations, "counts 10{12}|expected total|counts 10{300}")
     assert_refused(root, WRITERS["record"])
 
 
-def test_frames_per_second_are_a_number_that_can_be_calculated_with(made: Path, top: Path):
-    root = place(made / "plain", top)
+def test_frames_per_second_beyond_floats(made: Path, top: Path):
+    root = copy_of(made / "plain", top)
     change_json(root / INFO, lambda info: info.update(fps=10**400))
     assert_refused(root, load_demonstrations, "expected fps above 0 and finite")
 
@@ -699,14 +704,14 @@ def test_frames_per_second_are_a_number_that_can_be_calculated_with(made: Path, 
 def test_frames_are_counted_before_they_are_read(
     made: Path, top: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    root = place(made / "plain", top)
+    root = copy_of(made / "plain", top)
     change_json(root / INFO, lambda info: info.update(total_frames=7))
-    monkeypatch.setattr("pacnet.datasets.format.parquet_files.to_numpy", kill)
+    monkeypatch.setattr("pacnet.datasets.format.parquet.to_numpy", kill)
     assert_refused(root, load_demonstrations, "counts 7 frames, the data files hold 6")
 
 
 def test_more_rows_than_a_file_can_hold(made: Path, top: Path):
-    root, count = place(made / "plain", top), 10**7
+    root, count = copy_of(made / "plain", top), 10**7
     pq.write_table(pa.table({"index": np.zeros(count, "i8")}), root / FRAMES)
     for act in (load_demonstrations, WRITERS["record"]):
         assert_refused(root, act, f"expected rows that fit, found {count} in")

@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from pacnet.datasets.demonstrations import load_demonstrations
-from pacnet.datasets.format.lerobot_files import DatasetError
-from pacnet.datasets.format.tables import json_bytes
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.info import json_bytes
 from pacnet.datasets.recorder import Recorder, recover
 
 FEATURES = {"observation.state": ("x", "y"), "action": ("push",)}
@@ -160,7 +160,7 @@ def test_numbers_that_are_not_finite(root: Path, feature: str, value: float):
     )
 
 
-def test_numbers_that_are_not_finite_and_that_no_statistics_tell(root: Path):
+def test_numbers_that_are_not_finite_and_missing_in_the_statistics(root: Path):
     """No `NaN` comes into JSON, and the new episode stays in the journal."""
     replace(root / FRAMES, "action", [np.nan])
     before = contents(root)
@@ -174,7 +174,7 @@ def test_numbers_that_are_not_finite_and_that_no_statistics_tell(root: Path):
         json_bytes({"mean": [np.nan]})
 
 
-def test_what_episodes_do_not_tell_is_not_missed(root: Path):
+def test_missing_statistics_of_episodes_are_accepted(root: Path):
     """Neither a statistic that the dataset has not, nor one that an episode has not."""
     drop(root / EPISODES, "stats/action/min")
     replace(root / EPISODES, "stats/action/max", [None])

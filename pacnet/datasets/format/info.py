@@ -1,0 +1,190 @@
+"""`meta/info.json`, which describes a dataset's features and counts its frames."""
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.features import INDEX_COLUMNS, RESERVED, STORED, Recording
+from pacnet.datasets.format.paths import check_data_path
+
+FORMAT_VERSION = "v3.0"
+INFO = "meta/info.json"
+_DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+# What LeRobot assumes where a dataset does not say it.
+_DEFAULTS = {"chunks_size": 1000, "data_files_size_in_mb": 100, "data_path": _DATA_PATH}
+
+
+def read_info(root: Path) -> dict[str, Any]:
+    """Read the description of a dataset with frames."""
+    info = _read_description(root)
+    for name in ("total_frames", "total_episodes"):
+        _check_positive(root / INFO, info, name)
+    return info
+
+
+def _read_description(root: Path) -> dict[str, Any]:
+    """Read the description of a dataset, with frames or without."""
+    path = root / INFO
+    if not root.is_dir():
+        raise DatasetError(f"expected the folder of a LeRobot dataset, found no folder {root}")
+    if not path.is_file():
+        raise DatasetError(f"{root} is no LeRobot dataset: it has no meta/info.json")
+    try:
+        info = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DatasetError(f"{path} cannot be read: {error}") from error
+    version = info.get("codebase_version") if isinstance(info, dict) else None
+    if version != FORMAT_VERSION:
+        raise DatasetError(f"{path}: expected codebase_version {FORMAT_VERSION}, found {version}")
+    if not isinstance(info.get("features"), dict):
+        raise DatasetError(f"{path}: expected the dataset's features, found {info.get('features')}")
+    _check_positive(path, info, "fps")
+    return info
+
+
+def _check_positive(path: Path, info: dict[str, Any], name: str) -> None:
+    value = info.get(name)
+    number = 0 if isinstance(value, bool) or not isinstance(value, int | float) else value
+    if not 0 < number <= sys.float_info.max:
+        raise DatasetError(f"{path}: expected {name} above 0 and finite, found {value!r}")
+
+
+def listed_names(feature: Mapping[str, Any]) -> list[str] | None:
+    """Return the names of a feature's dimensions, where `meta/info.json` has one for each.
+
+    Some robots' datasets keep them by kind of part, {"motors": ["shoulder", ...]}, and some
+    teleoperators' with their indices, {"delta_x": 0, ...}.
+    """
+    names = feature.get("names")
+    if isinstance(names, dict):
+        if all(isinstance(index, int) for index in names.values()):
+            names = sorted(names, key=names.__getitem__)
+        else:
+            names = next(iter(names.values()), None)
+    if not isinstance(names, list) or [len(names)] != feature.get("shape"):
+        return None
+    return [str(name) for name in names]
+
+
+def image_features(info: Mapping[str, Any], *dtypes: str) -> list[str]:
+    """Return the names of the features that are images or videos, or one of them."""
+    return [
+        name for name, feature in info["features"].items()
+        if isinstance(feature, dict) and feature.get("dtype") in (dtypes or ("image", "video"))
+    ]  # fmt: skip
+
+
+def new_info(recording: Recording) -> dict[str, Any]:
+    """Return the description of a dataset without episodes, in LeRobot's order of the entries."""
+    features = {
+        name: {"dtype": feature.dtype, "shape": [len(feature.names)], "names": [*feature.names]}
+        for name, feature in recording.features.items()
+    }
+    index_columns = {
+        name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in INDEX_COLUMNS.items()
+    }
+    return {
+        "codebase_version": FORMAT_VERSION,
+        "robot_type": recording.robot_type,
+        "total_episodes": 0,
+        "total_frames": 0,
+        "total_tasks": 0,
+        "chunks_size": _DEFAULTS["chunks_size"],
+        "data_files_size_in_mb": _DEFAULTS["data_files_size_in_mb"],
+        "video_files_size_in_mb": 200,
+        "fps": recording.fps,
+        "splits": {},
+        "data_path": _DATA_PATH,
+        "video_path": None,
+        "features": features | index_columns,
+    }
+
+
+def read_appendable_info(root: Path) -> dict[str, Any]:
+    """Read the description of a dataset to append to, with LeRobot's defaults filled in."""
+    path, info = root / INFO, _read_description(root)
+    info |= _DEFAULTS | info
+    for name in ("total_frames", "total_episodes"):
+        if info.get(name) is not None and not _is_integer(info[name], 0):
+            raise DatasetError(f"{path}: expected {name} as an integer, found {info[name]!r}")
+    if not _is_integer(info["chunks_size"], 1):
+        raise DatasetError(f"{path}: expected chunks_size above 0, found {info['chunks_size']!r}")
+    size = info["data_files_size_in_mb"]
+    if isinstance(size, bool) or not isinstance(size, int | float) or not 0 < size < math.inf:
+        raise DatasetError(f"{path}: expected data_files_size_in_mb above 0, found {size!r}")
+    check_data_path(info["data_path"])
+    _check_features(path, info["features"])
+    try:
+        json_bytes(info)
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{path}: expected what JSON in UTF-8 can hold: {error}") from None
+    return info
+
+
+def _is_integer(number: object, least: int) -> bool:
+    return type(number) is int and least <= number < 2**53
+
+
+def _check_features(path: Path, features: dict[str, Any]) -> None:
+    """Refuse features without a dtype and a shape, and other index columns than new frames get."""
+    for name, feature in features.items():
+        shape = feature.get("shape") if isinstance(feature, dict) else None
+        sized = isinstance(shape, list) and shape and all(_is_integer(size, 1) for size in shape)
+        if not sized or not isinstance(feature.get("dtype"), str):
+            raise DatasetError(
+                f"{path}: expected {name!r} with a dtype and a shape of lengths above 0, "
+                f"found {feature!r}"
+            )
+    for name, dtype in INDEX_COLUMNS.items():
+        feature = features.get(name, {})
+        if (feature.get("dtype"), feature.get("shape")) != (dtype, [1]):
+            raise DatasetError(f"{path}: expected {name!r} as one {dtype}, found {feature!r}")
+    others = {*RESERVED} & {*features} - {*INDEX_COLUMNS}
+    if others:
+        raise DatasetError(f"{path}: expected no features {sorted(others)}, which are the format's")
+
+
+def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
+    """Raise a ValueError if a dataset cannot hold a recording or is of something else."""
+    features = {name: entry for name, entry in info["features"].items() if name not in RESERVED}
+    for name, entry in features.items():
+        if entry["dtype"] not in STORED:
+            raise ValueError(
+                f"expected a dataset of {', '.join(STORED)}, which is what Recorder stores: with "
+                f"{name!r} being {entry['dtype']}, {root} cannot be appended to with it"
+            )
+    if recording.fps != info["fps"]:
+        raise ValueError(f"expected fps {info['fps']} as in {root}, got {recording.fps}")
+    if set(features) != set(recording.features):
+        raise ValueError(
+            f"expected the features {sorted(features)} as in {root}, "
+            f"got {sorted(recording.features)}"
+        )
+    for name, feature in recording.features.items():
+        names, dtype = list(feature.names), features[name]["dtype"]
+        expected = _names_or_shape(features[name], names)
+        if (dtype, expected) != (feature.dtype, names):
+            raise ValueError(
+                f"expected {name!r} as {dtype} of {expected} as in {root}, "
+                f"got {feature.dtype} of {names}"
+            )
+    robot = info.get("robot_type")
+    if recording.robot_type not in (None, robot):
+        raise ValueError(
+            f"expected robot_type {robot!r} as in {root}, got {recording.robot_type!r}"
+        )
+
+
+def _names_or_shape(feature: Mapping[str, Any], names: list[str]) -> list[str]:
+    """Return the names of a stored feature; if it has none, these names where the shape fits."""
+    shape = feature["shape"]
+    return listed_names(feature) or (names if shape == [len(names)] else [f"shape {shape}"])
+
+
+def json_bytes(content: Mapping[str, Any]) -> bytes:
+    """Return a JSON file, indented as LeRobot does; a ValueError for NaN and infinity."""
+    return json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False).encode()
