@@ -18,7 +18,7 @@ help:  ## list these commands
 
 setup: $(INSTALLED)  ## install everything into .venv
 
-demo: $(INSTALLED)  ## learn to drink by watching and to follow walls by following: both experiments
+demo: $(INSTALLED)  ## run both experiments of the paper: imitating a drink, and following walls
 	$(BIN)/python -m train.postural_imitation
 	$(BIN)/python -m train.wall_following --condition-steps 1000
 

@@ -1,4 +1,4 @@
-"""Measures every table, each in a process of its own, and writes docs/performance.md."""
+"""Measure every table, each in its own process, and write docs/performance.md."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from benchmarks import machine, page
 from benchmarks.harness import Table
 
 MODULES = {
-    "observe": "learning a stream, beside a C loop and every peer",
-    "nodes": "1,000 to 100,000 nodes, against the memory's bandwidth",
+    "observe": "learning a stream, compared with a C loop and other packages",
+    "nodes": "1,000 to 100,000 nodes, compared with the memory's bandwidth",
     "step": "one step of a control loop",
-    "acting": "a control loop beside a thread that learns",
-    "batch": "many percepts at once, beside faiss",
+    "acting": "a control loop while another thread learns",
+    "batch": "many percepts at once, compared with faiss",
     "ensemble": "many maps in one call",
     "import_time": "imports and first calls",
-    "environments": "control steps of the scenes, beside bare physics",
+    "environments": "control steps of the scenes, compared with plain physics",
     "memory": "ten million samples from a generator",
-    "datasets": "recording and reading datasets, beside LeRobot",
+    "datasets": "recording and reading datasets, compared with LeRobot",
     "fit": "pacnet fit, from the command to the checkpoint",
 }
 WITH_LEROBOT = "datasets"
@@ -35,30 +35,32 @@ class Arguments(NamedTuple):
     """What to measure."""
 
     names: list[str]
-    """Of the modules."""
+    """Names of the modules."""
     also: str | None
-    """The interpreter with which the module that needs LeRobot is measured once more."""
+    """Interpreter with another LeRobot, to measure the module that needs LeRobot again."""
 
 
 def parse_arguments(arguments: list[str] | None = None) -> Arguments:
-    """What the command line asks for."""
+    """Parse the command line."""
     listed = "\n".join(f"  {name:<14}{does}" for name, does in MODULES.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description=__doc__,
-        epilog=f"names:\n{listed}\n\nPeers that are not installed are left out, and so is the C "
-        "loop without a C compiler.\nAll together take some ten minutes; Ctrl-C keeps what is "
-        "done.",
+        epilog=f"names:\n{listed}\n\nPackages that are not installed are left out, and so is the "
+        "C loop without a C compiler.\nAll together take about ten minutes; Ctrl-C keeps the "
+        "finished ones.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="measure only these; the page keeps the others"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="measure only these; the page keeps its other tables",
     )
     parser.add_argument(
         "--also",
         metavar="PYTHON",
-        help=f"measure {WITH_LEROBOT} with this interpreter too, whose environment has another "
-        "LeRobot",
+        help=f"also measure {WITH_LEROBOT} with this interpreter, which has another LeRobot",
     )
     parsed = parser.parse_args(arguments)
     unknown = [name for name in parsed.names if name not in MODULES]
@@ -69,11 +71,11 @@ def parse_arguments(arguments: list[str] | None = None) -> Arguments:
     return Arguments(parsed.names or list(MODULES), parsed.also)
 
 
-def measure_apart(name: str, python: str = sys.executable) -> list[Table] | None:
-    """A module's tables, measured in a fresh process; None where it failed, and says why."""
+def measure_in_process(name: str, python: str = sys.executable) -> list[Table] | None:
+    """Measure a module's tables in a new process; if it fails, print why and return None."""
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "tables.json"
-        code = f"from benchmarks.harness import hand_over; hand_over({name!r}, {str(result)!r})"
+        code = f"from benchmarks.harness import write_json; write_json({name!r}, {str(result)!r})"
         command = [python, "-c", code]
         done = subprocess.run(
             command, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False
@@ -89,18 +91,18 @@ def measure_apart(name: str, python: str = sys.executable) -> list[Table] | None
 
 
 def measure_all(names: list[str], also: str | None = None) -> dict[str, str]:
-    """Markdown of the tables by module, of those that were done; arguments as of `Arguments`."""
+    """Return module -> Markdown of its tables, for those that succeeded."""
     parts: dict[str, str] = {}
     for count, name in enumerate(names, start=1):
         start = time.perf_counter()
         print(f"[{count}/{len(names)}] {name}: {MODULES[name]} ...", file=sys.stderr, flush=True)
         try:
-            tables = measure_apart(name)
+            tables = measure_in_process(name)
             if tables is not None and also is not None and name == WITH_LEROBOT:
-                others = measure_apart(name, also)
+                others = measure_in_process(name, also)
                 tables = None if others is None else tables + others
         except KeyboardInterrupt:
-            print("interrupted: the page gets what is done", file=sys.stderr)
+            print("interrupted: writing the finished tables", file=sys.stderr)
             break
         if tables is not None:
             parts[name] = "\n\n".join(str(table) for table in tables)
@@ -110,7 +112,7 @@ def measure_all(names: list[str], also: str | None = None) -> dict[str, str]:
 
 
 def main() -> int:
-    """Measures, prints and writes."""
+    """Measure, print and write."""
     names, also = parse_arguments()
     parts = measure_all(names, also)
     if parts:

@@ -1,4 +1,4 @@
-"""A control loop that goes on while another thread learns: `python -m benchmarks.acting`."""
+"""A control loop that runs while another thread learns: `python -m benchmarks.acting`."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from pacnet.imitator.imitator import Imitator
 
 RATE = 500  # of the steady control loop [1/s]
 STEADY, BUSY = 5_000, 20_000  # steps of each kind of loop, alone
-LESSONS, SHORT = 200, 50  # demonstrations that are learned meanwhile, and frames of each
+LESSONS, SHORT = 200, 50  # demonstrations to learn meanwhile, and frames of each
 _Times = TypeVar("_Times")
-WANTED = 5  # [ms], of all but one step in a thousand
+WANTED = 5  # 99.9th percentile [ms]
 
 TEXT = f"""`Imitator.step` of an imitator that has learned {SHOWN} demonstrations of {LENGTH}
 frames, {DIMENSIONS} dimensions and {JOINTS} actions. Meanwhile another thread of the same process
@@ -37,20 +37,20 @@ interpreter, so each waits until the other releases it.
 
 
 class Learning:
-    """A thread that lets an imitator learn demonstrations, one after the other.
+    """Lets an imitator learn demonstrations in another thread, one after the other.
 
     Attributes:
-        learned: number of demonstrations learned so far.
-        over: set when it has learned them all, or failed.
+        learned: Number of demonstrations learned so far.
+        over: Set when all are learned, or learning failed.
     """
 
-    def __init__(self, imitator: Imitator, lessons: Demonstrations) -> None:
+    def __init__(self, imitator: Imitator, episodes: Demonstrations) -> None:
         self.learned, self.over = 0, threading.Event()
-        self._imitator, self._lessons = imitator.train(), lessons
+        self._imitator, self._episodes = imitator.train(), episodes
 
     @contextmanager
-    def beside(self) -> Iterator[None]:
-        """Learns beside the block; an error of the thread is raised at its end."""
+    def in_background(self) -> Iterator[None]:
+        """Learn while the block runs; raise the thread's errors at its end."""
         with ThreadPoolExecutor(1) as pool:
             learning = pool.submit(self._learn)
             yield
@@ -58,24 +58,24 @@ class Learning:
 
     def _learn(self) -> None:
         try:
-            for shown in self._lessons:
-                self._imitator.learn(replace(self._lessons, episodes=(shown,)))
+            for shown in self._episodes:
+                self._imitator.learn(replace(self._episodes, episodes=(shown,)))
                 self.learned += 1
         finally:
             self.over.set()
 
 
 class Steady(NamedTuple):
-    """Times of the steps of a steady loop, `[T]` each [µs]."""
+    """Times of the steps of a steady loop, each `[T]` [µs]."""
 
     taken: np.ndarray
-    """By the call."""
+    """Duration of the call."""
     since_due: np.ndarray
-    """From when the step was due to its end."""
+    """From the time when the step was due to its end."""
 
 
 def steady(acting: Imitator, percepts: Iterator[np.ndarray], rate: float) -> Steady:
-    """A control loop that steps so many times a second; one that is late does not hurry."""
+    """Step `rate` times a second; a late step is not made up for."""
     taken, since_due = [], []
     due = time.perf_counter()
     for percept in percepts:
@@ -91,21 +91,21 @@ def steady(acting: Imitator, percepts: Iterator[np.ndarray], rate: float) -> Ste
 
 
 def measure(steps: tuple[int, int] = (STEADY, BUSY), rate: float = RATE) -> list[Table]:
-    """One row a kind of loop, alone and beside learning."""
+    """Measure one row for each kind of loop, alone and while learning."""
     taught, watched = imitator("auto")
-    lessons, _ = laps(LESSONS, SHORT)
-    _warm(taught, watched, lessons)
+    episodes, _ = laps(LESSONS, SHORT)
+    _warm(taught, watched, episodes)
     alone = steady(taught, islice(cycle(watched), steps[0]), rate)
     busy_alone = latencies(taught.step, islice(cycle(watched), steps[1]))
 
-    def beside(loop: Callable[[Imitator, Iterator[np.ndarray]], _Times]) -> _Times:
+    def while_learning(loop: Callable[[Imitator, Iterator[np.ndarray]], _Times]) -> _Times:
         acting = deepcopy(taught)
-        learning = Learning(acting, lessons)
-        with learning.beside():
+        learning = Learning(acting, episodes)
+        with learning.in_background():
             return loop(acting, takewhile(lambda _: not learning.over.is_set(), cycle(watched)))
 
-    steady_beside = beside(lambda acting, percepts: steady(acting, percepts, rate))
-    busy_beside = beside(
+    steady_beside = while_learning(lambda acting, percepts: steady(acting, percepts, rate))
+    busy_beside = while_learning(
         lambda acting, percepts: latencies(acting.step, islice(percepts, steps[1]))
     )
     rows = [
@@ -120,11 +120,11 @@ def measure(steps: tuple[int, int] = (STEADY, BUSY), rate: float = RATE) -> list
     return [Table("Acting while learning", TEXT, columns, rows)]
 
 
-def _warm(acting: Imitator, watched: np.ndarray, lessons: Demonstrations) -> None:
-    """Compiles what acting and learning run."""
+def _warm(acting: Imitator, watched: np.ndarray, episodes: Demonstrations) -> None:
+    """Compile what acting and learning run."""
     for percept in watched[:100]:
         acting.step(percept)
-    deepcopy(acting).train().learn(replace(lessons, episodes=lessons.episodes[:3]))
+    deepcopy(acting).train().learn(replace(episodes, episodes=episodes.episodes[:3]))
 
 
 def _row(loop: str, times: np.ndarray, wanted: int | None = None) -> tuple[str, ...]:
@@ -133,10 +133,5 @@ def _row(loop: str, times: np.ndarray, wanted: int | None = None) -> tuple[str, 
     return loop, p50, p99, p999, limit, number(times.max() / 1e3)
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

@@ -1,4 +1,4 @@
-"""The nearest and second nearest of many percepts at once, beside faiss.
+"""The nearest and second nearest nodes of many percepts at once, compared with faiss.
 
 Run it alone with `python -m benchmarks.batch`.
 """
@@ -12,11 +12,11 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from benchmarks.harness import NOTHING, Table, factor, number, race, run_alone
+from benchmarks.harness import NOTHING, Table, factor, median_times, number, run_alone
 from benchmarks.nodes import DIMENSIONS, full_map
 
 QUERIES, NODES, CHUNK = 100_000, 1_000, 4_096
-TORCH_CHUNK = 1_024  # with which `topk` is fastest
+TORCH_CHUNK = 1_024  # `topk` is fastest with this size
 PACNET, NUMPY, TORCH, FAISS = "pacnet `forward`", "numpy", "torch", "faiss"
 DOES = {
     PACNET: "winner, runner-up, activation and novelty",
@@ -34,7 +34,7 @@ faiss (0.75 ×); plain numba is slower.
 
 
 def numpy_two_nearest(queries: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """|w|² − 2xw orders nodes as the distance does; two rounds of `argmin`."""
+    """Return winners and runners-up: |w|² − 2xw orders nodes as the distance does."""
     half = (nodes**2).sum(axis=1) / 2
     found = []
     for start in range(0, len(queries), CHUNK):
@@ -47,7 +47,7 @@ def numpy_two_nearest(queries: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarra
 
 
 def torch_two_nearest(queries: torch.Tensor, nodes: torch.Tensor) -> torch.Tensor:
-    """Both numbers, `[B, 2]`, by |w|² − 2xw too: `cdist` takes longer."""
+    """Return winners and runners-up `[B, 2]`, by |w|² − 2xw too: `cdist` is slower."""
     squares = nodes.square().sum(dim=1)
     found = []
     for part in queries.split(TORCH_CHUNK):
@@ -57,7 +57,7 @@ def torch_two_nearest(queries: torch.Tensor, nodes: torch.Tensor) -> torch.Tenso
 
 
 def searches() -> dict[str, Callable[[], object]]:
-    """Who searches; without faiss where it is not installed."""
+    """Return name -> search; without faiss if it is not installed."""
     som = full_map(NODES)
     queries = torch.rand(QUERIES, DIMENSIONS, generator=torch.Generator().manual_seed(1))
     nodes = som.prototypes
@@ -84,12 +84,14 @@ def _use_threads(threads: int) -> None:
 
 
 def measure_threads(threads: int) -> Table:
-    """The table for one number of threads."""
+    """Measure the table for one number of threads."""
     _use_threads(threads)
     found = searches()
     for search in found.values():
         search()
-    times = race({name: lambda search=search: search for name, search in found.items()}, budget=4)
+    times = median_times(
+        {name: lambda search=search: search for name, search in found.items()}, budget=4
+    )
     rows = [_row(name, times) for name in DOES]
     title = f"A batch of {QUERIES:,} percepts, {threads} thread{'s' * (threads > 1)}"
     return Table(title, TEXT, ("who", "µs a query", "of faiss", "wanted"), rows)
@@ -105,14 +107,9 @@ def _row(name: str, times: dict[str, float]) -> tuple[str, ...]:
 
 
 def measure() -> list[Table]:
-    """With one thread, and with all."""
+    """Measure with one thread, and with all."""
     return [measure_threads(threads) for threads in sorted({1, os.cpu_count() or 1})]
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

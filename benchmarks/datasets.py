@@ -1,7 +1,7 @@
-"""Recording and reading datasets, beside LeRobot's own writer and reader.
+"""Recording and reading datasets, compared with LeRobot's own writer and reader.
 
-Run it alone with `python -m benchmarks.datasets`, in an environment of each LeRobot. For the page,
-`python -m benchmarks datasets --also PYTHON` measures with the LeRobot of a second environment too.
+Run it alone with `python -m benchmarks.datasets`, in an environment of each LeRobot.
+`python -m benchmarks datasets --also PYTHON` also measures the LeRobot of a second environment.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import NOTHING, Contestant, Table, factor, number, race, run_alone
+from benchmarks.harness import NOTHING, Candidate, Table, factor, median_times, number, run_alone
 from benchmarks.machine import version_of
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.format import DatasetError
@@ -30,7 +30,7 @@ NAMES = tuple(f"joint {number}" for number in range(DIMENSIONS))
 STATE = "observation.state"
 SAMPLED = 500  # frames read by index
 KILLED_AFTER = 20  # episodes
-PACKAGES = ("lerobot", "torch", "pyarrow")  # whose versions the tables name
+PACKAGES = ("lerobot", "torch", "pyarrow")  # named with their versions in the tables
 WANTED_WRITING, WANTED_READING = 5, 20
 
 WRITING = f"""Writing {EPISODES} episodes of {LENGTH:,} frames of {DIMENSIONS} numbers to a new
@@ -52,22 +52,22 @@ datasets.{write}(Path({root!r}), lambda: print(flush=True))
 
 
 def episodes(seed: int = 0) -> Iterator[np.ndarray]:
-    """The episodes, float32 `[LENGTH, DIMENSIONS]` each."""
+    """Yield the episodes, float32 `[LENGTH, DIMENSIONS]`."""
     rng = np.random.default_rng(seed)
     for _ in range(EPISODES):
         yield rng.standard_normal((LENGTH, DIMENSIONS), np.float32).cumsum(axis=0)
 
 
-def write_ours(root: Path, told: Callable[[], None] = lambda: None) -> None:
-    """Records all episodes with `Recorder`, and tells after each."""
+def write_ours(root: Path, after_episode: Callable[[], None] = lambda: None) -> None:
+    """Record all episodes with `Recorder`; call `after_episode` after each."""
     with Recorder(root, FPS, {STATE: NAMES}) as recorder:
         for episode in episodes():
             recorder.save_episode("task", {STATE: episode})
-            told()
+            after_episode()
 
 
-def write_stock(root: Path, told: Callable[[], None] = lambda: None) -> None:
-    """The same with LeRobot."""
+def write_stock(root: Path, after_episode: Callable[[], None] = lambda: None) -> None:
+    """Record the same with LeRobot."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     features = {STATE: {"dtype": "float32", "shape": (DIMENSIONS,), "names": list(NAMES)}}
@@ -79,13 +79,13 @@ def write_stock(root: Path, told: Callable[[], None] = lambda: None) -> None:
         columns: dict[str, Any] = {"size": LENGTH, "task": ["task"] * LENGTH, STATE: episode}
         columns |= {"frame_index": time, "timestamp": time / FPS, "episode_index": count}
         dataset.save_episode(columns | {"index": (), "task_index": ()})
-        told()
+        after_episode()
     dataset.finalize()
 
 
 @contextmanager
 def quiet_lerobot() -> Iterator[Path]:
-    """A folder to work in, where the library that LeRobot reads with also keeps its copies."""
+    """Yield a folder to work in, which also holds the cache of the library LeRobot reads with."""
     import datasets
 
     datasets.disable_progress_bars()
@@ -94,8 +94,8 @@ def quiet_lerobot() -> Iterator[Path]:
         yield Path(folder)
 
 
-def into_new_folders(write: Callable[[Path], None], folder: Path) -> Contestant:
-    """A contestant that writes a dataset."""
+def into_new_folders(write: Callable[[Path], None], folder: Path) -> Candidate:
+    """Return a candidate that writes a dataset."""
     numbers = itertools.count()
 
     def prepare() -> Callable[[], None]:
@@ -106,11 +106,11 @@ def into_new_folders(write: Callable[[Path], None], folder: Path) -> Contestant:
 
 
 def measure_writing(folder: Path) -> Table:
-    """Both writers."""
-    contestants = {"LeRobot": write_stock, "`pacnet.Recorder`": write_ours}
-    prepared = {name: into_new_folders(write, folder) for name, write in contestants.items()}
-    stock, ours = race(prepared, budget=60, most=5).values()
-    names = [*contestants]
+    """Measure both writers."""
+    candidates = {"LeRobot": write_stock, "`pacnet.Recorder`": write_ours}
+    prepared = {name: into_new_folders(write, folder) for name, write in candidates.items()}
+    stock, ours = median_times(prepared, budget=60, most=5).values()
+    names = [*candidates]
     rows = [
         (names[0], number(stock), NOTHING, NOTHING),
         (names[1], number(ours), factor(stock / ours), f"≥ {WANTED_WRITING} ×"),
@@ -119,7 +119,7 @@ def measure_writing(folder: Path) -> Table:
 
 
 def measure_reading(folder: Path) -> Table:
-    """Both readers."""
+    """Measure both readers."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     root = folder / "read"
@@ -131,7 +131,7 @@ def measure_reading(folder: Path) -> Table:
         "`ds.hf_dataset` in tensors at once": lambda: dataset.hf_dataset.with_format("torch")[:],
         "`load_demonstrations`": lambda: load_demonstrations(root, action=STATE),
     }
-    times = race({name: lambda run=run: run for name, run in runs.items()})
+    times = median_times({name: lambda run=run: run for name, run in runs.items()})
     times["`ds[i]`"] *= FRAMES / SAMPLED
     stock = times["`ds[i]`"]
     rows = [
@@ -143,7 +143,7 @@ def measure_reading(folder: Path) -> Table:
 
 
 def measure_killing(folder: Path) -> Table:
-    """What both writers leave when they are killed."""
+    """Measure what both writers leave when they are killed."""
     rows = []
     for name, write in {"LeRobot": write_stock, "`Recorder`": write_ours}.items():
         root = folder / f"killed_{write.__name__}"
@@ -161,7 +161,7 @@ def measure_killing(folder: Path) -> Table:
 
 
 def count_episodes(root: Path) -> int:
-    """Episodes that can be read in what a killed process left."""
+    """Return the number of readable episodes that a killed process left."""
     recover(root)
     try:
         return len(load_demonstrations(root, action=STATE))
@@ -170,14 +170,14 @@ def count_episodes(root: Path) -> int:
 
 
 def _table(title: str, text: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
-    """One that names the versions: those of a second environment stand nowhere else."""
+    """Return a table whose text names the versions, which may be of a second environment."""
     versions = [f"{name} {version_of(name)}" for name in PACKAGES]
     text = f"{text}Measured with {', '.join(versions)} and Python {platform.python_version()}."
     return Table(f"{title}, LeRobot {version_of('lerobot')}", text, columns, rows)
 
 
 def measure() -> list[Table]:
-    """Writing, reading, and being killed."""
+    """Measure writing, reading, and being killed."""
     try:
         with quiet_lerobot() as folder:
             return [measure_writing(folder), measure_reading(folder), measure_killing(folder)]
@@ -185,10 +185,5 @@ def measure() -> list[Table]:
         return [Table("Datasets", WRITING, ("who", "s"), [("needs LeRobot", NOTHING)])]
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

@@ -1,4 +1,4 @@
-"""Many maps in one call against one call a map: `python -m benchmarks.ensemble`."""
+"""Many maps in one call, compared with one call for each: `python -m benchmarks.ensemble`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import torch
 
-from benchmarks.harness import NOTHING, Table, factor, number, race, run_alone
+from benchmarks.harness import NOTHING, Table, factor, median_times, number, run_alone
 from benchmarks.streams import CASES, Case
 from pacnet import HabituatingSOFM, SOFMEnsemble
 
@@ -20,7 +20,7 @@ the time goes to Python code for each map, which threads cannot run in parallel.
 
 
 def measure() -> list[Table]:
-    """Both ways, in turn, of short and of long streams."""
+    """Measure both ways, interleaved, for short and long streams."""
     torch.set_num_threads(THREADS)
     rows = [row for case in (CASES["small"], CASES["long"]) for row in _compare(case)]
     columns = ("what", "ms", "faster", "wanted")
@@ -31,21 +31,21 @@ def measure() -> list[Table]:
 def _compare(case: Case) -> list[tuple[str, ...]]:
     streams = [torch.from_numpy(case.stream(seed)) for seed in range(MAPS)]
 
-    def fresh() -> list[HabituatingSOFM]:
+    def new_maps() -> list[HabituatingSOFM]:
         return [HabituatingSOFM(case.config("gwr"), engine="compiled") for _ in streams]
 
     def calls() -> Callable[[], object]:
-        maps = fresh()
+        maps = new_maps()
         return lambda: [som.observe(stream) for som, stream in zip(maps, streams, strict=True)]
 
     def one_call() -> Callable[[], object]:
-        ensemble = SOFMEnsemble(fresh())
+        ensemble = SOFMEnsemble(new_maps())
         return lambda: ensemble.observe(streams)
 
-    contestants = {f"{MAPS} calls": calls, "one call": one_call}
-    for prepare in contestants.values():
+    candidates = {f"{MAPS} calls": calls, "one call": one_call}
+    for prepare in candidates.values():
         prepare()()
-    times = race(contestants, budget=8)
+    times = median_times(candidates, budget=8)
     apart, together = times.values()
     return [
         (f"{case.title}: {MAPS} calls of `HabituatingSOFM.observe`", number(apart * 1e3), *_EMPTY),
@@ -61,10 +61,5 @@ def _compare(case: Case) -> list[tuple[str, ...]]:
 _EMPTY = NOTHING, NOTHING
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

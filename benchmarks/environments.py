@@ -1,4 +1,7 @@
-"""Control steps of both scenes, beside bare physics: `python -m benchmarks.environments`."""
+"""Control steps of both scenes, compared with plain physics.
+
+Run it alone with `python -m benchmarks.environments`.
+"""
 
 from __future__ import annotations
 
@@ -33,22 +36,22 @@ class Case(NamedTuple):
     """One row."""
 
     name: str
-    env: Any  # the environment within its wrappers
+    env: Any  # the environment with its wrappers
     step: Callable[[np.ndarray], tuple]  # what is measured
     choose: Callable[[Any], np.ndarray]  # an action for an observation, not measured
     n_substeps: int
-    wanted: float  # speed over that of bare physics
+    wanted: float  # speed relative to plain physics
 
 
 class Turn(NamedTuple):
-    """Control steps per second."""
+    """Speeds of one turn [control steps/s]."""
 
     env: float
     bare: float
 
 
 def humanoids(method: str) -> Case:
-    """The imitator's targets are the demonstrator's."""
+    """Return the case in which the imitator's targets are the demonstrator's."""
     env = gymnasium.make(HUMANOIDS)
     inner: Any = env.unwrapped
     low, high = inner._physics.joint_range.T
@@ -65,7 +68,7 @@ def humanoids(method: str) -> Case:
 
 
 def arena(teacher: str | None) -> Case:
-    """The learner wanders."""
+    """Return the case in which the learner wanders."""
     env = gymnasium.make(ARENA, teacher=teacher)
     wanderer = Wanderer(np.random.default_rng(0))
 
@@ -77,7 +80,7 @@ def arena(teacher: str | None) -> Case:
 
 
 def episode(case: Case, seed: int) -> Iterator[Turn]:
-    """The turns of one episode."""
+    """Yield the turns of one episode."""
     physics = case.env.unwrapped._physics
     model, data = physics.model.ptr, physics.data.ptr
     bare = mujoco.MjData(model)
@@ -101,7 +104,7 @@ def episode(case: Case, seed: int) -> Iterator[Turn]:
 
 
 def measure() -> list[Table]:
-    """One row an environment and way to step it."""
+    """Measure one row for each environment and way to step it."""
     cases = [humanoids("step"), humanoids("step_to"), arena(None), arena("left")]
     measured: dict[str, list[Turn]] = {case.name: [] for case in cases}
     for seed in range(EPISODES):
@@ -118,10 +121,5 @@ def _row(case: Case, turns: list[Turn]) -> tuple[str, ...]:
     return case.name, number(env), number(bare), f"{ratio:.2f} ×", f"≥ {case.wanted} ×"
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

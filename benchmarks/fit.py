@@ -1,4 +1,4 @@
-"""`pacnet fit`: from the command to the checkpoint, imports included.
+"""The time of `pacnet fit`, from the command to the checkpoint, including imports.
 
 Run it alone with `python -m benchmarks.fit`.
 """
@@ -29,7 +29,7 @@ processes. All kernels were compiled before.
 
 
 def episode(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Percepts `[LENGTH, DIMENSIONS]` and actions `[LENGTH, JOINTS]`."""
+    """Return percepts `[LENGTH, DIMENSIONS]` and actions `[LENGTH, JOINTS]`."""
     path = np.random.default_rng(0).standard_normal((2, 3, DIMENSIONS))  # of all episodes
     laps = rng.uniform(0.9, 1.1)
     angle = np.linspace(0, 2 * np.pi * laps, LENGTH + 1)[:, None, None] * np.arange(1, 4)[:, None]
@@ -39,7 +39,7 @@ def episode(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def record(root: Path) -> None:
-    """Records the dataset."""
+    """Record the dataset."""
     rng = np.random.default_rng(1)
     features = {
         "observation.state": tuple(f"state {number}" for number in range(DIMENSIONS)),
@@ -53,7 +53,7 @@ def record(root: Path) -> None:
 
 
 def measure() -> list[Table]:
-    """The command's time."""
+    """Measure the command's time."""
     with tempfile.TemporaryDirectory() as folder:
         dataset, out = Path(folder) / "laps", Path(folder) / "imitator"
         record(dataset)
@@ -69,10 +69,5 @@ def measure() -> list[Table]:
     return [Table(title, TEXT, ("what", "s", "wanted"), rows)]
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

@@ -1,4 +1,4 @@
-/* The floor: the growing map of pacnet/sofm.py in plain C, one call for a stream.
+/* The floor: the growing map of pacnet/attention/sofm.py in plain C, one call for a stream.
 
    Fixed capacities, float32. Prototypes lie in blocks of 16 nodes, dimension by dimension, so that
    the compiler searches 16 nodes at a time. Each node keeps its neighbours in order of number. */
@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LANES = 16, NOBODY = -1 };
+enum { LANES = 16, NO_NODE = -1 };
 
 typedef struct {
     int64_t dimensions;
@@ -44,7 +44,7 @@ static float *at(const Map *map, int64_t node) {
     return map->prototype + node / LANES * LANES * map->config->dimensions + node % LANES;
 }
 
-/* 16 numbers in one register, or in as few as the machine has. */
+/* 16 numbers, in one vector register or several. */
 typedef float Floats __attribute__((vector_size(LANES * sizeof(float))));
 typedef int32_t Ints __attribute__((vector_size(LANES * sizeof(int32_t))));
 
@@ -52,7 +52,7 @@ static Floats choose(Ints where, Floats yes, Floats no) {
     return (Floats)((where & (Ints)yes) | (~where & (Ints)no));
 }
 
-/* The lane of the smallest number; of equal ones that of the lowest block, then the lowest lane. */
+/* The lane of the smallest number; ties go to the lowest block, then to the lowest lane. */
 static int first_lane(Floats value, Ints block) {
     int lane = 0;
     for (int l = 1; l < LANES; l++)
@@ -60,16 +60,16 @@ static int first_lane(Floats value, Ints block) {
     return lane;
 }
 
-/* The numbers of the smallest and the second smallest, of equal ones the lowest number. */
+/* The indices of the smallest and the second smallest; ties go to the lowest index. */
 static void search(const Map *map, const float *restrict x, int64_t *winner, int64_t *runner_up,
                    float *smallest) {
     const int64_t dimensions = map->config->dimensions;
     const int32_t blocks = (int32_t)((map->count + LANES - 1) / LANES);
     Floats best = (Floats){0} + FLT_MAX, second = best;
     Ints best_at = {0}, second_at = {0}; /* numbers of blocks */
-    for (int32_t b = 0; b < blocks; b++) { /* rows that nobody owns hold a huge prototype */
+    for (int32_t b = 0; b < blocks; b++) { /* unused rows hold a huge prototype */
         const Floats *restrict w = (const Floats *)map->prototype + b * dimensions;
-        Floats sum = {0}, odd = {0}; /* two sums: one would wait for itself */
+        Floats sum = {0}, odd = {0}; /* two sums, to break the dependency chain */
         for (int64_t d = 0; d + 1 < dimensions; d += 2) {
             const Floats difference = w[d] - x[d], next = w[d + 1] - x[d + 1];
             sum += difference * difference;
@@ -92,7 +92,7 @@ static void search(const Map *map, const float *restrict x, int64_t *winner, int
     best[lane] = second[lane];
     best_at[lane] = second_at[lane];
     lane = first_lane(best, best_at);
-    *runner_up = map->count > 1 ? best_at[lane] * LANES + lane : NOBODY;
+    *runner_up = map->count > 1 ? best_at[lane] * LANES + lane : NO_NODE;
 }
 
 static int64_t add_node(Map *map) {
@@ -102,12 +102,12 @@ static int64_t add_node(Map *map) {
     }
     const int64_t node = map->count++;
     map->habituation[node] = map->config->resting;
-    map->habituated_at[node] = NOBODY;
+    map->habituated_at[node] = NO_NODE;
     map->degree[node] = 0;
     return node;
 }
 
-/* Place of a neighbour in a node's list, or where it would stand. */
+/* Index of a neighbour in a node's list, or where to insert it. */
 static int place(const Map *map, int64_t node, int64_t other) {
     const int32_t *list = map->neighbour + node * map->degree_capacity;
     int i = 0;
@@ -138,7 +138,7 @@ static void unlink_one(Map *map, int64_t node, int i) {
 }
 
 static void join(Map *map, int64_t one, int64_t other) {
-    if (other == NOBODY) return;
+    if (other == NO_NODE) return;
     const int i = place(map, one, other);
     if (is_at(map, one, other, i)) {
         map->age[map->edge[one * map->degree_capacity + i]] = 0;
@@ -188,9 +188,9 @@ static int is_habituated(const Map *map, int64_t node) {
 
 static int forget(Map *map, int64_t node) {
     const int64_t interval = map->config->forgetting_interval, since = map->habituated_at[node];
-    if (interval == 0 || since == NOBODY || map->time - since < interval) return 0;
+    if (interval == 0 || since == NO_NODE || map->time - since < interval) return 0;
     map->habituation[node] = map->config->resting;
-    map->habituated_at[node] = NOBODY;
+    map->habituated_at[node] = NO_NODE;
     return 1;
 }
 
@@ -202,7 +202,7 @@ static void move_and_habituate(Map *map, int64_t node, const float *restrict x, 
     for (int64_t d = 0; d < config->dimensions; d++)
         w[d * LANES] += fraction * (x[d] - w[d * LANES]);
     *habituation = config->floor + (*habituation - config->floor) * decay;
-    if (is_habituated(map, node) && map->habituated_at[node] == NOBODY)
+    if (is_habituated(map, node) && map->habituated_at[node] == NO_NODE)
         map->habituated_at[node] = map->time;
 }
 
@@ -210,7 +210,7 @@ static void insert(Map *map, const float *restrict x, int64_t winner, int64_t ru
     const Config *config = map->config;
     const int64_t node = add_node(map);
     float *w = at(map, node);
-    if (winner == NOBODY || !config->insert_at_midpoint) {
+    if (winner == NO_NODE || !config->insert_at_midpoint) {
         for (int64_t d = 0; d < config->dimensions; d++) w[d * LANES] = x[d];
         join(map, node, winner);
         return;
@@ -218,12 +218,12 @@ static void insert(Map *map, const float *restrict x, int64_t winner, int64_t ru
     const float *old = at(map, winner);
     for (int64_t d = 0; d < config->dimensions; d++) w[d * LANES] = (old[d * LANES] + x[d]) / 2;
     join(map, node, winner);
-    if (runner_up == NOBODY) return;
+    if (runner_up == NO_NODE) return;
     join(map, node, runner_up);
     part(map, winner, runner_up);
 }
 
-/* Ages the winner's edges, drops the old ones, then the nodes that they leave lonely. */
+/* Ages the winner's edges, deletes the old ones, then nodes without edges. */
 static int64_t age_edges(Map *map, int64_t winner) {
     const int64_t first = winner * map->degree_capacity;
     int any = 0;
@@ -246,21 +246,21 @@ static int64_t age_edges(Map *map, int64_t winner) {
 
 static void learn(Map *map, const float *restrict x, const Record *record, int64_t t) {
     const Config *config = map->config;
-    int64_t winner = NOBODY, runner_up = NOBODY;
+    int64_t winner = NO_NODE, runner_up = NO_NODE;
     float smallest = FLT_MAX;
     map->time++;
     if (map->count > 0) search(map, x, &winner, &runner_up, &smallest);
-    const float activation = winner == NOBODY ? 0 : expf(-sqrtf(smallest));
+    const float activation = winner == NO_NODE ? 0 : expf(-sqrtf(smallest));
     const int novel = activation < config->novelty_threshold;
     record->winner[t] = winner;
     record->runner_up[t] = runner_up;
     record->activation[t] = activation;
     record->novelty[t] = (uint8_t)novel;
-    record->dishabituated[t] = winner != NOBODY && forget(map, winner);
+    record->dishabituated[t] = winner != NO_NODE && forget(map, winner);
     record->inserted[t] = record->ignored[t] = 0;
     record->deleted[t] = 0;
-    const int habituated = winner != NOBODY && is_habituated(map, winner);
-    if (winner == NOBODY || (novel && (habituated || !config->insert_only_when_habituated))) {
+    const int habituated = winner != NO_NODE && is_habituated(map, winner);
+    if (winner == NO_NODE || (novel && (habituated || !config->insert_only_when_habituated))) {
         insert(map, x, winner, runner_up);
         record->inserted[t] = 1;
         return;
@@ -317,14 +317,14 @@ int64_t observe(const Config *config, const float *percepts, int64_t samples, in
     return map.failed ? -1 : map.count;
 }
 
-/* Adds up numbers, again and again: how fast the machine can read them. A count of whole rows. */
+/* Sums numbers repeatedly, to measure how fast the machine reads them; count: whole rows. */
 float read_all(const float *numbers, int64_t count, int64_t repeats) {
     Floats sum[4] = {{0}, {0}, {0}, {0}};
     for (int64_t r = 0; r < repeats; r++) {
         const Floats *row = (const Floats *)numbers;
         for (int64_t i = 0; i < count / LANES; i += 4)
             for (int64_t j = 0; j < 4; j++) sum[j] += row[i + j];
-        __asm__ volatile("" ::: "memory"); /* or the compiler would read once */
+        __asm__ volatile("" ::: "memory"); /* else the compiler would read once */
     }
     const Floats all = sum[0] + sum[1] + sum[2] + sum[3];
     float total = 0;

@@ -1,4 +1,4 @@
-"""The floor: `floor.c` compiled on the spot and called once for a whole stream."""
+"""The lower bound of the time: `floor.c`, compiled here and called once for a whole stream."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pacnet import SOFMConfig
 
 SOURCE = Path(__file__).with_name("floor.c")
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-fPIC")
-BLOCK = 16  # nodes that the source searches at a time
+BLOCK = 16  # nodes that the C source searches at once
 
 FIELDS = {
     "winner": np.int64,
@@ -27,7 +27,7 @@ FIELDS = {
     "ignored": np.bool_,
     "dishabituated": np.bool_,
 }
-"""What it records of each sample, in the order of the source."""
+"""What is recorded of each sample, in the order of the C source."""
 
 
 class _Config(ctypes.Structure):
@@ -70,7 +70,7 @@ class _Record(ctypes.Structure):
 
 
 class Floor:
-    """The growing map in C: fixed capacities, percepts in scaled units."""
+    """The growing map in C, with fixed capacities and percepts in scaled units."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
         self._observe = library.observe
@@ -86,7 +86,11 @@ class Floor:
         self._read.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64]
 
     def read(self, numbers: np.ndarray, repeats: int) -> float:
-        """Adds up float32 numbers, aligned and a multiple of 64, over and over: the sum of sums."""
+        """Return the sum of float32 numbers, read `repeats` times.
+
+        Raises:
+            ValueError: Another type, not a multiple of 64 numbers, or not aligned to 64 bytes.
+        """
         if numbers.dtype != np.float32 or numbers.size % 64 or numbers.ctypes.data % 64:
             raise ValueError("expected float32 numbers, a multiple of 64, aligned to 64 bytes")
         return self._read(numbers.ctypes.data, numbers.size, repeats)
@@ -94,19 +98,19 @@ class Floor:
     def observe(
         self, config: SOFMConfig, percepts: np.ndarray, capacity: int = 2048, degree: int = 64
     ) -> tuple[int, dict[str, np.ndarray]]:
-        """Learns a stream from an empty map.
+        """Learn a stream from an empty map.
 
         Args:
-            config: of the map, with unit scale.
-            percepts: float32 `[T, D]`, contiguous.
-            capacity: most nodes, a multiple of 16.
-            degree: most edges of one node.
+            config: Of the map, with unit scale.
+            percepts: Float32 `[T, D]`, contiguous.
+            capacity: Most nodes, a multiple of 16.
+            degree: Most edges of one node.
 
         Returns:
-            The number of nodes at the end, and what it recorded of each sample.
+            The number of nodes at the end, and the record of each sample.
 
         Raises:
-            ValueError: a scale, percepts of another type, or a capacity that was too small.
+            ValueError: A scale, percepts of another type, or a capacity that was too small.
         """
         _check(config, percepts, capacity)
         record = {name: np.empty(len(percepts), dtype) for name, dtype in FIELDS.items()}
@@ -135,17 +139,17 @@ def _check(config: SOFMConfig, percepts: np.ndarray, capacity: int) -> None:
 
 @cache
 def build() -> Floor | None:
-    """Compiles the source with the machine's C compiler, or says with None that it cannot."""
+    """Compile the source with the machine's C compiler; return None if that fails."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
         compiled, library = Path(folder) / "floor.o", Path(folder) / "floor.so"
-        # In two steps: linked with -ffast-math, it would flush subnormals in the whole process.
+        # In two steps: linking with -ffast-math would flush subnormals in the whole process.
         for command in (
             [compiler, *FLAGS, "-c", str(SOURCE), "-o", str(compiled)],
             [compiler, "-shared", str(compiled), "-o", str(library), "-lm"],
         ):
             if subprocess.run(command, capture_output=True, check=False).returncode:
                 return None
-        return Floor(ctypes.CDLL(str(library)))  # stays loaded when its file goes
+        return Floor(ctypes.CDLL(str(library)))  # stays loaded after its file is removed

@@ -1,7 +1,7 @@
-"""A plain Grow-When-Required network in numpy, as one would write it today: vectorised over nodes.
+"""A plain Grow-When-Required network in numpy, vectorised over nodes, for comparison.
 
 Source: Marsland, Shapiro & Nehmzow (2002), "A self-organising network that grows when required".
-It is a peer in the measurements, and learns as preset `gwr` of `pacnet.SOFMConfig` does.
+It learns like the preset `gwr` of `pacnet.SOFMConfig`.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ class GrowWhenRequired:
     """Learns percepts one after the other.
 
     Args:
-        config: of the preset `gwr`, with unit scale; its thresholds and rates are used.
+        config: Of the preset `gwr`, with unit scale.
     """
 
     def __init__(self, config: SOFMConfig) -> None:
         self.config = config
-        self.farthest = -np.log(config.novelty_threshold)  # distance of an activation that matches
+        self.farthest = -np.log(config.novelty_threshold)  # largest distance of a match
         self.decays = config.decay(config.winner_tau), config.decay(config.neighbour_tau)
         self.count = 0
         self._prototypes = np.empty((16, config.dimensions), np.float32)
@@ -31,11 +31,11 @@ class GrowWhenRequired:
 
     @property
     def prototypes(self) -> np.ndarray:
-        """The nodes, float32 `[N, D]`."""
+        """Return the nodes, float32 `[N, D]`."""
         return self._prototypes[: self.count]
 
     def learn(self, percepts: np.ndarray) -> None:
-        """Learns a stream, float32 `[T, D]`."""
+        """Learn a stream, float32 `[T, D]`."""
         for percept in percepts:
             self._step(percept)
 
@@ -64,7 +64,7 @@ class GrowWhenRequired:
         self._join(winner, runner_up, NO_EDGE)
 
     def _adapt(self, winner: int, difference: np.ndarray) -> None:
-        """Moves the winner and its neighbours, then habituates them."""
+        """Move the winner and its neighbours, then habituate them."""
         config = self.config
         neighbours = np.flatnonzero(self._ages[winner, : self.count] != NO_EDGE)
         steps = config.neighbour_rate * self._habituation[neighbours]
@@ -79,15 +79,15 @@ class GrowWhenRequired:
         self._ages[neighbours, winner] += 1
 
     def _prune(self, winner: int) -> None:
-        """Drops the winner's old edges, then the nodes that they leave without any."""
+        """Delete the winner's old edges, then nodes without any."""
         old = np.flatnonzero(self._ages[winner, : self.count] > self.config.max_edge_age)
         if len(old) == 0:
             return
         self._ages[winner, old] = self._ages[old, winner] = NO_EDGE
-        lonely = old[(self._ages[old] == NO_EDGE).all(axis=1)]
-        if len(lonely) == 0:
+        isolated = old[(self._ages[old] == NO_EDGE).all(axis=1)]
+        if len(isolated) == 0:
             return
-        kept = np.setdiff1d(np.arange(self.count), lonely)
+        kept = np.setdiff1d(np.arange(self.count), isolated)
         self._prototypes[: len(kept)] = self._prototypes[kept]
         self._habituation[: len(kept)] = self._habituation[kept]
         ages = self._ages[np.ix_(kept, kept)]

@@ -1,4 +1,4 @@
-"""What the measurements share: tables, and contestants that take turns under the clock."""
+"""What the measurements share: tables, and the timing of interleaved runs."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-NOTHING = "–"  # stands in a cell that has no value
+NOTHING = "–"  # cell without a value
 
-Contestant = Callable[[], Callable[[], object]]
-"""Calling one prepares a run, untimed; calling what it returns is the run."""
+Candidate = Callable[[], Callable[[], object]]
+"""Prepares a run, untimed, and returns the function that runs it."""
 
 
 class Table(NamedTuple):
@@ -26,12 +26,12 @@ class Table(NamedTuple):
 
     title: str
     text: str
-    """What was measured and how: a paragraph, whose line breaks do not count."""
+    """A paragraph that says what was measured and how; it is wrapped anew."""
     columns: tuple[str, ...]
     rows: list[tuple[str, ...]]
 
     def __str__(self) -> str:
-        """The table as a section of Markdown, in columns that also line up in a terminal."""
+        """Return the table as a section of Markdown, with columns aligned for a terminal too."""
         lines = [self.columns, *self.rows]
         widths = [max(3, *map(len, column)) for column in zip(*lines, strict=True)]
         drawn = [_line(line, widths) for line in lines]
@@ -46,33 +46,35 @@ def _line(cells: tuple[str, ...], widths: list[int]) -> str:
     return "| " + " | ".join(aligned) + " |"
 
 
-def race(
-    contestants: Mapping[str, Contestant], budget: float = 2.0, most: int = 25
+def median_times(
+    candidates: Mapping[str, Candidate], budget: float = 2.0, most: int = 25
 ) -> dict[str, float]:
-    """Median time of each [s]; they take turns, so that a busy machine slows all of them alike.
+    """Return the median time of each candidate [s].
+
+    Runs are interleaved in one process, so background load affects all alike.
 
     Args:
-        contestants: by name.
-        budget: a contestant runs no more once its runs have taken this long together [s].
-        most: runs of each.
+        candidates: Name -> candidate.
+        budget: Time after which a candidate is not run again [s].
+        most: Runs of each candidate.
     """
-    times: dict[str, list[float]] = {name: [] for name in contestants}
+    times: dict[str, list[float]] = {name: [] for name in candidates}
     for _ in range(most):
-        for name, prepare in contestants.items():
+        for name, prepare in candidates.items():
             if sum(times[name]) < budget:
                 times[name].append(timed(prepare()))
     return {name: statistics.median(measured) for name, measured in times.items()}
 
 
 def timed(run: Callable[[], object]) -> float:
-    """Time of one run [s]."""
+    """Return the time of one run [s]."""
     start = time.perf_counter()
     run()
     return time.perf_counter() - start
 
 
 def latencies(step: Callable[[np.ndarray], object], inputs: Iterable[np.ndarray]) -> np.ndarray:
-    """Time of each single call [µs], `[T]`, as a control loop sees it."""
+    """Return the time of each single call `[T]` [µs], as in a control loop."""
     clock, times = time.perf_counter_ns, []
     gc.collect()
     for one in inputs:
@@ -83,7 +85,7 @@ def latencies(step: Callable[[np.ndarray], object], inputs: Iterable[np.ndarray]
 
 
 def number(value: float) -> str:
-    """A measured value with about three digits."""
+    """Return a measured value with about three digits."""
     if value >= 100:
         return f"{value:,.0f}"
     return f"{value:.2f}" if value < 10 else f"{value:.1f}"
@@ -95,16 +97,16 @@ def factor(value: float) -> str:
 
 
 def run_alone(description: str, measure: Callable[[], list[Table]]) -> None:
-    """The command of one module: measures and prints its tables."""
+    """Measure and print the tables of one module."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.parse_args()
     torch.set_num_threads(1)
     print("\n\n".join(str(table) for table in measure()))
 
 
-def hand_over(module: str, path: str) -> None:
-    """Measures a module's tables and leaves them as JSON in a file, for `python -m benchmarks`."""
+def write_json(module: str, path: str) -> None:
+    """Write a module's tables as JSON to a file, for `python -m benchmarks`."""
     torch.set_num_threads(1)
     tables = importlib.import_module(f"benchmarks.{module}").measure()
-    with open(path, "w", encoding="utf-8") as file:  # noqa: PTH123  one line in a child process
+    with open(path, "w", encoding="utf-8") as file:  # noqa: PTH123
         json.dump([table._asdict() for table in tables], file)

@@ -1,4 +1,4 @@
-"""What importing and the first calls cost, in fresh processes.
+"""The time of imports and first calls in new processes.
 
 Run it alone with `python -m benchmarks.import_time`.
 """
@@ -36,9 +36,9 @@ pairs = zip(wave[:-1].split(80), wave[1:, :11].split(80), strict=True)
 shown = tuple(Demonstration(n, "wave", s, s[:, :0], a) for n, (s, a) in enumerate(pairs))
 names = {{"observation.state": tuple("s%d" % n for n in range(28))}}
 names |= {{"action": tuple("a%d" % n for n in range(11))}}
-lessons = Demonstrations(50, names, shown)
-imitator = Imitator.from_demonstrations(lessons)
-imitator.learn(lessons)
+episodes = Demonstrations(50, names, shown)
+imitator = Imitator.from_demonstrations(episodes)
+imitator.learn(episodes)
 for percept in wave[:3].numpy():
     imitator.step(percept)
 """
@@ -52,7 +52,7 @@ an empty cache) and print a message; later processes load them from the cache.
 
 
 def run_time(code: str, cache: str | None = None) -> float:
-    """Time that a fresh interpreter needs for a piece of code [s]."""
+    """Return the time that a new interpreter needs for a piece of code [s]."""
     clocked = (
         f"import time; start = time.perf_counter()\n{code}\nprint(time.perf_counter() - start)"
     )
@@ -63,12 +63,12 @@ def run_time(code: str, cache: str | None = None) -> float:
 
 
 def measure() -> list[Table]:
-    """Imports and first calls."""
+    """Measure imports and first calls."""
     with tempfile.TemporaryDirectory() as cache:
         cold = run_time(CALLS, cache)
         codes = {**IMPORTS, "calls": CALLS}
         times: dict[str, list[float]] = {name: [] for name in codes}
-        run_time(codes["pacnet"])  # reads from the disk and writes bytecode
+        run_time(codes["pacnet"])  # fills the disk cache and writes bytecode
         for _ in range(RUNS):
             for name, code in codes.items():
                 times[name].append(run_time(code, cache))
@@ -89,10 +89,5 @@ def measure() -> list[Table]:
     return [Table("Imports and first calls", TEXT.format(runs=RUNS), columns, rows)]
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

@@ -1,4 +1,4 @@
-"""What the measurements ran on: the machine and the versions, without names, paths or dates."""
+"""Machine and versions of the measurements, without names, paths or dates."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PACKAGES = (
 
 
 def describe() -> str:
-    """A Markdown list of the machine and the versions."""
+    """Return a Markdown list of the machine and the versions."""
     facts = {
         "Processor": f"{_processor()}, {os.cpu_count()} cores",
         "Memory": _memory(),
@@ -48,7 +48,7 @@ def _processor() -> str:
 def _memory() -> str:
     try:
         total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError):  # no such question on this system
+    except (AttributeError, ValueError):  # not available on this system
         return "unknown"
     return f"{total / 2**30:.0f} GiB"
 
@@ -69,7 +69,7 @@ def _compiler() -> str:
 
 
 def version_of(package: str) -> str:
-    """Its version, or that it is not installed."""
+    """Return a package's version, or that it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:

@@ -14,8 +14,8 @@ from pacnet import HabituatingSOFM, SOFMConfig
 
 SAMPLES, CHUNK, PARTS = 10_000_000, 50_000, 10
 DIMENSIONS, THRESHOLD = 6, 0.7
-WANTED = 5  # MB that it may grow by from the first tenth to the last
-STATUS = Path("/proc/self/statm")  # pages; resident ones in the second place
+WANTED = 5  # largest growth from the first tenth to the last [MB]
+STATUS = Path("/proc/self/statm")  # in pages; the second number is the resident ones
 
 TEXT = f"""{SAMPLES:,} percepts of {DIMENSIONS} dimensions, generated in chunks of {CHUNK:,}, each
 chunk learned by one `observe` (preset `paper`, whose nodes forget after 10,000 samples).
@@ -23,7 +23,7 @@ chunk learned by one `observe` (preset `paper`, whose nodes forget after 10,000 
 
 
 def chunks(samples: int, seed: int = 0) -> Iterator[np.ndarray]:
-    """The same demonstrations with ever new noise, float32 `[CHUNK, D]` each."""
+    """Yield the same demonstrations with new noise each time, float32 `[CHUNK, D]`."""
     rng = np.random.default_rng(seed)
     stream = demonstrations(CHUNK, DIMENSIONS, 2, seed)
     for _ in range(samples // CHUNK):
@@ -31,14 +31,14 @@ def chunks(samples: int, seed: int = 0) -> Iterator[np.ndarray]:
 
 
 def resident() -> float:
-    """Resident memory of this process [MB]."""
+    """Return the resident memory of this process [MB]."""
     import resource
 
     return int(STATUS.read_text().split()[1]) * resource.getpagesize() / 1e6
 
 
 def measure() -> list[Table]:
-    """One row a tenth of the samples."""
+    """Measure one row for each tenth of the samples."""
     columns = (
         "samples",
         "resident memory [MB]",
@@ -72,10 +72,5 @@ def measure() -> list[Table]:
     return [Table(title, TEXT, columns, rows)]
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

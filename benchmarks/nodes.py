@@ -1,4 +1,4 @@
-"""Learning with ever more nodes, against what the memory can deliver.
+"""Learning with more and more nodes, compared with the bandwidth of the memory.
 
 Run it alone with `python -m benchmarks.nodes`.
 """
@@ -11,11 +11,11 @@ import numpy as np
 import torch
 
 from benchmarks import floor
-from benchmarks.harness import NOTHING, Contestant, Table, factor, number, race, run_alone
+from benchmarks.harness import NOTHING, Candidate, Table, factor, median_times, number, run_alone
 from pacnet import HabituatingSOFM, SOFMConfig
 
 DIMENSIONS = 32
-SAMPLES = {1_000: 20_000, 10_000: 4_000, 100_000: 400}  # of each number of nodes
+SAMPLES = {1_000: 20_000, 10_000: 4_000, 100_000: 400}  # for each number of nodes
 NEAR = 0.02  # standard deviation of a sample around its node; nodes lie in [0, 1]
 ROW = 4 * DIMENSIONS  # bytes of a prototype
 
@@ -27,7 +27,7 @@ repeatedly, in the same run.
 
 
 def full_map(nodes: int, seed: int = 0) -> HabituatingSOFM:
-    """A map of so many random nodes, as a checkpoint would bring it."""
+    """Return a map of random nodes, loaded as from a checkpoint."""
     som = HabituatingSOFM(SOFMConfig.gwr(DIMENSIONS, novelty_threshold=0.1), engine="compiled")
     generator = torch.Generator().manual_seed(seed)
     state = {
@@ -43,13 +43,13 @@ def full_map(nodes: int, seed: int = 0) -> HabituatingSOFM:
 
 
 def samples_near(som: HabituatingSOFM, samples: int, seed: int = 1) -> torch.Tensor:
-    """Percepts near random nodes, `[samples, D]`."""
+    """Return percepts near random nodes `[samples, D]`."""
     generator = torch.Generator().manual_seed(seed)
     near = som.prototypes[torch.randint(len(som), (samples,), generator=generator)]
     return near + NEAR * torch.randn(near.shape, generator=generator)
 
 
-def _learning(nodes: int) -> Contestant:
+def _learning(nodes: int) -> Candidate:
     def prepare() -> Callable[[], object]:
         som = full_map(nodes)
         percepts = samples_near(som, SAMPLES[nodes])
@@ -59,7 +59,7 @@ def _learning(nodes: int) -> Contestant:
     return prepare
 
 
-def _reading(nodes: int, times: int) -> Contestant:
+def _reading(nodes: int, times: int) -> Candidate:
     built = floor.build()
     assert built is not None
     numbers = _aligned(nodes * DIMENSIONS)
@@ -71,18 +71,18 @@ def _reading(nodes: int, times: int) -> Contestant:
 
 
 def _aligned(count: int) -> np.ndarray:
-    """Float32 ones that begin at a multiple of 64 bytes."""
+    """Return float32 ones whose address is a multiple of 64 bytes."""
     memory = np.ones(count + 16, np.float32)
     first = (-memory.ctypes.data % 64) // 4
     return memory[first : first + count]
 
 
 def measure() -> list[Table]:
-    """One row a number of nodes."""
-    contestants = {f"learn {nodes}": _learning(nodes) for nodes in SAMPLES}
+    """Measure one row for each number of nodes."""
+    candidates = {f"learn {nodes}": _learning(nodes) for nodes in SAMPLES}
     if floor.build() is not None:
-        contestants |= {f"read {nodes}": _reading(nodes, SAMPLES[nodes]) for nodes in SAMPLES}
-    times = race(contestants, budget=5, most=9)
+        candidates |= {f"read {nodes}": _reading(nodes, SAMPLES[nodes]) for nodes in SAMPLES}
+    times = median_times(candidates, budget=5, most=9)
     cost = {name: time / SAMPLES[int(name.split()[1])] * 1e6 for name, time in times.items()}
     first = next(iter(SAMPLES))
     rows = [_row(nodes, first, cost) for nodes in SAMPLES]
@@ -111,10 +111,5 @@ def _row(nodes: int, first: int, cost: dict[str, float]) -> tuple[str, ...]:
     )
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

@@ -1,4 +1,4 @@
-"""Learning a stream in one online pass, beside a C loop and every peer.
+"""Learning a stream in one online pass, compared with a C loop and other packages.
 
 Run it alone with `python -m benchmarks.observe`.
 """
@@ -14,16 +14,16 @@ import torch
 
 from benchmarks import floor
 from benchmarks.grow_when_required import GrowWhenRequired
-from benchmarks.harness import NOTHING, Contestant, Table, factor, number, race, run_alone
+from benchmarks.harness import NOTHING, Candidate, Table, factor, median_times, number, run_alone
 from benchmarks.peers import PEERS, Run
 from benchmarks.streams import CASES, Case
 from pacnet import HabituatingSOFM
 
 PRESETS = ("paper", "gwr")
-WANTED_OF_FLOOR = 2.0  # at most so many times the C loop
-WANTED_BEFORE_GROWING = 30  # at least so many times faster than every growing peer
+WANTED_OF_FLOOR = 2.0  # largest time relative to the C loop
+WANTED_BEFORE_GROWING = 30  # smallest factor to every growing peer
 WANTED_BEFORE = {"MiniSom": 20}
-SAMPLES = {"eager": 5_000, "MiniSom": 20_000}  # of the slow ones, whose cost hardly changes
+SAMPLES = {"eager": 5_000, "MiniSom": 20_000}  # for the slow ones, whose cost hardly changes later
 FLOOR, COMPILED = "C loop", "pacnet, compiled"
 GROWING = ("numpy", *(name for name, peer in PEERS.items() if peer.grows))
 
@@ -35,18 +35,18 @@ engine.
 
 
 class Entry(NamedTuple):
-    """One row: who learns which part of the stream, under which preset."""
+    """One row: which candidate learns which part of the stream, under which preset."""
 
     name: str
     preset: str | None
     what: str
     samples: int
     prepare: Callable[[], Run] | None
-    """None where it is not installed."""
+    """None if it is not installed."""
 
 
 def entries(case: Case, percepts: np.ndarray) -> list[Entry]:
-    """All who learn one stream."""
+    """Return all candidates for one stream."""
     own = [
         ("eager", "pacnet, eager torch", partial(_prepare_observe, "eager")),
         ("compiled", COMPILED, partial(_prepare_observe, "compiled")),
@@ -106,13 +106,13 @@ def _prepare_numpy(case: Case, percepts: np.ndarray) -> Run:
 
 
 def measure_case(name: str, case: Case, budget: float = 2.0) -> Table:
-    """The table of one stream."""
+    """Measure the table of one stream."""
     percepts = case.stream()
     found = entries(case, percepts)
     _compile(case, percepts[:50])
     sizes: dict[str, int] = {}
 
-    def contestant(entry: Entry, key: str) -> Contestant:
+    def candidate(entry: Entry, key: str) -> Candidate:
         def prepare() -> Callable[[], None]:
             run = entry.prepare()
 
@@ -124,8 +124,8 @@ def measure_case(name: str, case: Case, budget: float = 2.0) -> Table:
 
         return prepare
 
-    racing = {_key(e): contestant(e, _key(e)) for e in found if e.prepare is not None}
-    times = race(racing, budget)
+    prepared = {_key(e): candidate(e, _key(e)) for e in found if e.prepare is not None}
+    times = median_times(prepared, budget)
     cost = {_key(e): times[_key(e)] / e.samples * 1e6 for e in found if e.prepare is not None}
     rows = [_row(name, entry, cost, sizes) for entry in found]
     text = TEXT.format(
@@ -138,7 +138,7 @@ def measure_case(name: str, case: Case, budget: float = 2.0) -> Table:
 
 
 def _compile(case: Case, percepts: np.ndarray) -> None:
-    """Everybody who compiles does so before the clock runs."""
+    """Compile everything before the measurement."""
     for entry in entries(case, percepts):
         if entry.prepare is not None:
             entry.prepare().learn()
@@ -171,14 +171,9 @@ def _row(case: str, entry: Entry, cost: dict[str, float], sizes: dict[str, int])
 
 
 def measure() -> list[Table]:
-    """One table a stream."""
+    """Measure one table for each stream."""
     return [measure_case(name, case) for name, case in CASES.items()]
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

@@ -1,4 +1,4 @@
-"""The page docs/performance.md: the tables of every module, and what they were measured on."""
+"""The page docs/performance.md: the tables of every module, machine and versions."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ _PART = re.compile(r"<!-- (\w+) -->\n(.*?)\n<!-- end of \1 -->", re.DOTALL)
 
 
 def compose(parts: Mapping[str, str], machine: str) -> str:
-    """The page.
+    """Return the page.
 
     Args:
-        parts: Markdown of each module's tables, by the module's name.
-        machine: a Markdown list.
+        parts: Module -> Markdown of its tables.
+        machine: Description of the machine, a Markdown list.
     """
     drawn = [f"<!-- {name} -->\n{part}\n<!-- end of {name} -->" for name, part in parts.items()]
     return "\n\n".join([INTRO.rstrip(), *drawn, f"{MACHINE}\n\n{machine}"]) + "\n"
 
 
 def parts_of(page: str, machine: str) -> dict[str, str]:
-    """The parts of an earlier page; none if it was measured on another machine or versions."""
+    """Return the parts of an earlier page; none if the machine or versions differ."""
     if not page.endswith(f"{MACHINE}\n\n{machine}\n"):
         return {}
     return dict(_PART.findall(page))
 
 
 def update(measured: Mapping[str, str], order: tuple[str, ...], machine: str) -> None:
-    """Writes what was measured into the page; other parts stay if they still belong to it."""
+    """Write measurements into the page; other parts stay if machine and versions are the same."""
     earlier = parts_of(PAGE.read_text("utf-8"), machine) if PAGE.exists() else {}
     parts = earlier | dict(measured)
     PAGE.write_text(compose({n: parts[n] for n in order if n in parts}, machine), "utf-8")

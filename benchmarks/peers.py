@@ -1,6 +1,6 @@
-"""The peers that the package index offers, each brought to one pass over the same stream.
+"""Other packages that learn maps, each set up for one pass over the same stream.
 
-Every `prepare_*` makes a fresh map, untimed, and returns the run and the map's size afterwards.
+Every `prepare_*` makes a new map, untimed, and returns the run and the map's size afterwards.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Run(NamedTuple):
 
     learn: Callable[[], object]
     size: Callable[[], int]
-    """Number of nodes, once learned."""
+    """Returns the number of nodes after learning."""
 
 
 class Peer(NamedTuple):
@@ -29,23 +29,23 @@ class Peer(NamedTuple):
     module: str
     does: str
     prepare: Callable[[np.ndarray, int], Run]
-    """From the percepts `[T, D]` and the wanted number of nodes."""
+    """Takes the percepts `[T, D]` and the wanted number of nodes."""
     grows: bool
 
     @property
     def installed(self) -> bool:
-        """Whether the package is here."""
+        """Return whether the package is installed."""
         return importlib.util.find_spec(self.module) is not None
 
 
 def grid(nodes: int) -> tuple[int, int]:
-    """Rows and columns of a nearly square grid of about so many nodes."""
+    """Return rows and columns of a nearly square grid of about `nodes` nodes."""
     rows = round(math.sqrt(nodes))
     return rows, round(nodes / rows)
 
 
 def prepare_minisom(percepts: np.ndarray, nodes: int) -> Run:
-    """MiniSom: its online rule, in the order of the stream."""
+    """Prepare MiniSom: its online rule, in the order of the stream."""
     from minisom import MiniSom
 
     rows, columns = grid(nodes)
@@ -54,20 +54,20 @@ def prepare_minisom(percepts: np.ndarray, nodes: int) -> Run:
 
 
 def prepare_numbasom(percepts: np.ndarray, nodes: int) -> Run:
-    """numbasom: its online rule, on as many samples as the stream has, which it draws itself."""
+    """Prepare numbasom: its online rule, on as many samples as the stream, drawn by itself."""
     from numbasom import SOM
 
     som = SOM(grid(nodes))
 
     def learn() -> None:
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints how long it took
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints its duration
             som.train(percepts, len(percepts))
 
     return Run(learn, lambda: math.prod(grid(nodes)))
 
 
 def prepare_fastersom(percepts: np.ndarray, nodes: int) -> Run:
-    """fastersom: one epoch of the batch map, and the labels that `fit` ends with."""
+    """Prepare fastersom: one epoch of the batch map, including the final labels of `fit`."""
     from fastersom import SOM
 
     rows, columns = grid(nodes)
@@ -76,10 +76,10 @@ def prepare_fastersom(percepts: np.ndarray, nodes: int) -> Run:
 
 
 def prepare_minigng(percepts: np.ndarray, nodes: int) -> Run:
-    """minigng: growing neural gas, which has grown to the wanted size after half the stream."""
+    """Prepare minigng: growing neural gas, full-sized after half of the stream."""
     from minigng import MiniGNG
 
-    np.random.seed(0)  # noqa: NPY002  its only source of randomness
+    np.random.seed(0)  # noqa: NPY002  # its only source of randomness
     interval = max(1, len(percepts) // (2 * nodes))
     gng = MiniGNG(n_epochs=1, sigma=interval, max_units=nodes, shuffle=False)
     return Run(lambda: gng.partial_fit(percepts), lambda: len(gng.units))

@@ -1,8 +1,7 @@
-"""Who closes the humanoids' joint loops: MuJoCo's PID plugin, or torques from `PIDController`?
+"""The humanoids' joints driven by MuJoCo's PID plugin, or by torques from `PIDController`.
 
-Both bodies follow one demonstration. Prints the tracking error and the speed of each drive;
-run with ``python -m benchmarks.postural_control``. Drives alternate, so that a busy machine slows
-all of them alike, and the median of the repeats is reported.
+Both bodies follow one demonstration. `python -m benchmarks.postural_control` prints the tracking
+error and the speed of each drive, as medians of interleaved runs.
 """
 
 import argparse
@@ -25,7 +24,7 @@ from envs.physics import Physics
 from envs.scene import CONTROL_TIMESTEP, GLASS_PLACE
 from pacnet import PIDConfig, PIDController
 
-# A drive takes the targets (2, 11) [rad] of the last and of this control step, and steps.
+# A drive takes the targets [2, 11] [rad] of the last and of this control step, and steps.
 Drive = Callable[[np.ndarray, np.ndarray], None]
 
 
@@ -38,7 +37,7 @@ class Result(NamedTuple):
 
 
 def plugin_drive(physics: Physics) -> Drive:
-    """MuJoCo's PID, fed with targets once per control step."""
+    """Return a drive by MuJoCo's PID, with new targets once per control step."""
 
     def drive(_: np.ndarray, targets: np.ndarray) -> None:
         physics.data.ctrl[:] = targets.ravel()
@@ -50,13 +49,13 @@ def plugin_drive(physics: Physics) -> Drive:
 def torque_drive(
     physics: Physics, joint_damping: float | None, kd_per_kp: float, n_updates: int
 ) -> Drive:
-    """`PIDController`, its torques applied as external joint forces.
+    """Return a drive by `PIDController`, with its torques as external joint forces.
 
     Args:
-        physics: the scene; its own actuators are switched off.
-        joint_damping: of every joint [N m s/rad], or None for the scene's.
-        kd_per_kp: derivative gain over proportional gain [s].
-        n_updates: of the torques per control step.
+        physics: The scene; its own actuators are switched off.
+        joint_damping: Of every joint [N m s/rad], or None for the scene's.
+        kd_per_kp: Derivative gain over proportional gain [s].
+        n_updates: Updates of the torques per control step.
     """
     physics.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
     dofs = physics.velocity_at
@@ -64,7 +63,7 @@ def torque_drive(
         physics.model.dof_damping[dofs] = joint_damping
     controller = _controller(kd_per_kp, CONTROL_TIMESTEP / n_updates)
     load = torch.tensor(physics.data.qfrc_bias[dofs], dtype=torch.float32)
-    controller.integral = load / controller.ki  # begin where the integral holds the arms up
+    controller.integral = load / controller.ki  # start with an integral that holds the arms up
     n_substeps = round(CONTROL_TIMESTEP / n_updates / physics.timestep())
 
     def drive(before: np.ndarray, targets: np.ndarray) -> None:
@@ -81,7 +80,7 @@ def torque_drive(
 
 
 def _controller(kd_per_kp: float, dt: float) -> PIDController:
-    """The library's controller with the scene's proportional and integral gains."""
+    """Return the library's controller with the scene's proportional and integral gains."""
     kp = [humanoid.stiffness(joint) for joint in JOINTS]
     ki = [humanoid.KI_PER_KP * gain for gain in kp]  # [N m/(rad s)]
     return PIDController(
@@ -90,7 +89,7 @@ def _controller(kd_per_kp: float, dt: float) -> PIDController:
             ki=tuple(ki),
             kd=tuple(kd_per_kp * gain for gain in kp),
             dt=dt,
-            # One limit for all joints: as the plugin's at the shoulders, lower at the others.
+            # One limit for all joints: equal to the plugin's at the shoulders, lower elsewhere.
             integral_limit=humanoid.MAX_INTEGRAL_TORQUE / max(ki),  # [rad s]
             torque_limit=humanoid.MAX_TORQUE,
         )
@@ -108,9 +107,9 @@ DRIVES: dict[str, Callable[[Physics], Drive]] = {
 
 
 def measure(make_drive: Callable[[Physics], Drive], plan: np.ndarray) -> Result:
-    """Runs one drive through a plan (T, 11) [rad] for both bodies."""
+    """Run one drive through a plan `[T, 11]` [rad] for both bodies."""
     physics = Physics.build()
-    targets = np.stack([plan, plan], axis=1)  # (T, 2, 11)
+    targets = np.stack([plan, plan], axis=1)  # [T, 2, 11]
     physics.begin(targets[0], np.array(GLASS_PLACE))
     drive = make_drive(physics)
     errors, start = [], time.perf_counter()
@@ -123,10 +122,10 @@ def measure(make_drive: Callable[[Physics], Drive], plan: np.ndarray) -> Result:
 
 
 def main() -> None:
-    """Prints the table."""
+    """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=5, help="runs of each drive")
-    parser.add_argument("--seed", type=int, default=0, help="of the demonstration")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the demonstration")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     rng = np.random.default_rng(arguments.seed)

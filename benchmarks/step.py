@@ -1,4 +1,7 @@
-"""One step of a control loop, attention alone and the whole recall: `python -m benchmarks.step`."""
+"""One step of a control loop, by the map alone and by a whole network.
+
+Run it alone with `python -m benchmarks.step`.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,9 @@ from pacnet.kernels.engine import Engine
 CHECKPOINTS = Path(__file__).parents[1] / "checkpoints"
 STEPS, EAGER_STEPS = 20_000, 1_000
 NODES, DIMENSIONS = 30, 28
-THRESHOLD = 0.58  # that makes this many nodes of the demonstrations below
-SHOWN, LENGTH, JOINTS = 8, 500, 11  # demonstrations that an imitator has learned, and its actions
-NOISE = 0.01  # standard deviation of the sensors' noise around what the map has learned
+THRESHOLD = 0.58  # gives about this many nodes
+SHOWN, LENGTH, JOINTS = 8, 500, 11  # demonstrations of an imitator, their frames, its actions
+NOISE = 0.01  # standard deviation of a percept around its prototype
 
 TEXT = f"""Each call is timed alone, on one float32 array: median and 99th percentile of {STEPS:,}
 calls ({EAGER_STEPS:,} of eager torch), one thread. The map has about {NODES} nodes and percepts of
@@ -34,7 +37,7 @@ checks the list of edges. Passing addresses instead of arrays took less than hal
 
 
 def small_map() -> tuple[HabituatingSOFM, np.ndarray]:
-    """A learned map and more of what it learned from, float32 `[T, D]`."""
+    """Return a learned map, and more percepts of the same stream, float32 `[T, D]`."""
     stream = demonstrations(2_500 + STEPS, DIMENSIONS, 1, seed=0)
     som = HabituatingSOFM(
         SOFMConfig.paper(DIMENSIONS, novelty_threshold=THRESHOLD), engine="compiled"
@@ -44,13 +47,13 @@ def small_map() -> tuple[HabituatingSOFM, np.ndarray]:
 
 
 def experiment_2(engine: Engine) -> PACNet:
-    """The shipped network that follows walls."""
+    """Return the shipped network that follows walls."""
     model = MLPForwardModel.from_pretrained(CHECKPOINTS / "forward_model")
     return PACNet.from_pretrained(CHECKPOINTS / "wall_following", model, engine).eval()
 
 
-def visits(network: PACNet, seed: int = 0) -> np.ndarray:
-    """Percepts near places that the map knows, a while at each, float32 `[T, D]`."""
+def percepts_near_nodes(network: PACNet, seed: int = 0) -> np.ndarray:
+    """Return percepts near random prototypes, 20 samples at each, float32 `[T, D]`."""
     rng = np.random.default_rng(seed)
     prototypes = network.sofm.prototypes.numpy()
     places = np.repeat(rng.integers(len(prototypes), size=STEPS // 20), 20)
@@ -59,15 +62,15 @@ def visits(network: PACNet, seed: int = 0) -> np.ndarray:
 
 
 def imitator(engine: Engine) -> tuple[Imitator, np.ndarray]:
-    """A taught one, and another demonstration of the same, float32 `[LENGTH, DIMENSIONS]`."""
-    lessons, shown = laps(SHOWN, LENGTH)
-    taught = Imitator.from_demonstrations(lessons, engine=engine)
-    taught.learn(lessons)
+    """Return a trained imitator, and percepts of another demonstration `[LENGTH, DIMENSIONS]`."""
+    episodes, shown = laps(SHOWN, LENGTH)
+    taught = Imitator.from_demonstrations(episodes, engine=engine)
+    taught.learn(episodes)
     return taught.eval(), shown
 
 
 def laps(shown: int, length: int) -> tuple[Demonstrations, np.ndarray]:
-    """So many demonstrations, and the percepts of one more, float32 `[length, DIMENSIONS]`."""
+    """Return `shown` demonstrations, and the percepts of another one `[length, DIMENSIONS]`."""
     stream = demonstrations((shown + 1) * length + 1, DIMENSIONS, 1, seed=0)
     percepts, actions = torch.from_numpy(stream[:-1]), torch.from_numpy(stream[1:, :JOINTS])
     names = {
@@ -83,7 +86,7 @@ def laps(shown: int, length: int) -> tuple[Demonstrations, np.ndarray]:
 
 
 def measure() -> list[Table]:
-    """One row a kind of step."""
+    """Measure one row for each kind of step."""
     som, percepts = small_map()
     nodes = len(som)
     som.eval()
@@ -91,7 +94,7 @@ def measure() -> list[Table]:
     som.train()
     learning = _summary(latencies(som.step, _warm(som.step, percepts)))
     compiled, eager = experiment_2("compiled"), experiment_2("eager")
-    places = visits(compiled)
+    places = percepts_near_nodes(compiled)
     whole = _summary(latencies(compiled.step, _warm(compiled.step, places)))
 
     def act(percept: np.ndarray) -> object:
@@ -106,7 +109,7 @@ def measure() -> list[Table]:
     schemas = imitating.network.schemas
     assert isinstance(schemas, CompetingSchemas)
     commanded = float(
-        experiment_2("eager").recall(torch.from_numpy(places)).commanded.float().mean()
+        experiment_2("eager").recall(torch.from_numpy(places)).has_target.float().mean()
     )
     rows = [
         _row(f"`HabituatingSOFM.step`, reading, {nodes} nodes", reading, (5, 20)),
@@ -131,7 +134,7 @@ def _warm(step: Callable[[np.ndarray], object], percepts: np.ndarray) -> np.ndar
 
 
 def _summary(times: np.ndarray) -> tuple[float, float]:
-    """Median and 99th percentile [µs]."""
+    """Return median and 99th percentile [µs]."""
     return float(np.percentile(times, 50)), float(np.percentile(times, 99))
 
 
@@ -142,10 +145,5 @@ def _row(
     return what, number(measured[0]), limits[0], number(measured[1]), limits[1]
 
 
-def main() -> None:
-    """Measures and prints."""
-    run_alone(__doc__, measure)
-
-
 if __name__ == "__main__":
-    main()
+    run_alone(__doc__, measure)

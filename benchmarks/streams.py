@@ -1,8 +1,8 @@
-"""Streams of percepts for the measurements: demonstrations on smooth loops, seeded.
+"""Streams of percepts for the measurements: seeded demonstrations on smooth loops.
 
-Each behaviour is a closed path through via points. A demonstration goes once around a randomly
-chosen one, at its own pace, past slightly displaced via points, and is perceived with noise: the
-stream is ordered in time and no two laps are alike.
+Each behaviour is a closed path through via points. A demonstration is one lap of a random path, at
+a random pace, with slightly displaced via points and noise. The stream is ordered in time, and no
+two laps are equal.
 """
 
 from __future__ import annotations
@@ -15,34 +15,34 @@ from pacnet import SOFMConfig
 
 N_VIA = 8  # of one behaviour
 LAP = 250  # samples of a demonstration, on average
-PACE = 0.2  # a lap is up to this fraction longer or shorter
+PACE = 0.2  # largest relative deviation of a lap's length
 DISPLACEMENT = 0.05  # standard deviation of a via point from lap to lap; the points lie in [0, 1]
 NOISE = 0.02  # standard deviation of every perceived number
 
 
 class Case(NamedTuple):
-    """One stream to observe and the thresholds that give about as many nodes as it names."""
+    """A stream to observe, and the thresholds that give about `nodes` nodes."""
 
     samples: int
     dimensions: int
     behaviours: int
-    nodes: int  # wanted at the end, about
+    nodes: int  # approximate number at the end
     paper_threshold: float  # novelty threshold of the preset `paper`
     gwr_threshold: float
 
     @property
     def title(self) -> str:
-        """Samples, dimensions and nodes in words."""
+        """Return samples, dimensions and nodes in words."""
         return f"{self.samples:,} × {self.dimensions}, about {self.nodes:,} nodes"
 
     def config(self, preset: str) -> SOFMConfig:
-        """The preset's config with this case's threshold."""
+        """Return the preset's config with this case's threshold."""
         if preset == "paper":
             return SOFMConfig.paper(self.dimensions, novelty_threshold=self.paper_threshold)
         return SOFMConfig.gwr(self.dimensions, novelty_threshold=self.gwr_threshold)
 
     def stream(self, seed: int = 0) -> np.ndarray:
-        """The percepts, float32 `[samples, dimensions]`."""
+        """Return the percepts, float32 `[samples, dimensions]`."""
         return demonstrations(self.samples, self.dimensions, self.behaviours, seed)
 
 
@@ -54,7 +54,7 @@ CASES = {
 
 
 def demonstrations(samples: int, dimensions: int, behaviours: int, seed: int) -> np.ndarray:
-    """Percepts of one demonstration after the other, float32 `[samples, dimensions]`."""
+    """Return percepts of consecutive demonstrations, float32 `[samples, dimensions]`."""
     rng = np.random.default_rng(seed)
     paths = rng.random((behaviours, N_VIA, dimensions))
     laps, count = [], 0
@@ -67,7 +67,7 @@ def demonstrations(samples: int, dimensions: int, behaviours: int, seed: int) ->
 
 
 def _lap(path: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Once around, from via point to via point with a minimum-jerk profile, `[T, D]`."""
+    """Return one lap `[T, D]`, from via point to via point with a minimum-jerk profile."""
     via = path + DISPLACEMENT * rng.standard_normal(path.shape)
     length = round(LAP * (1 + PACE * rng.uniform(-1, 1)))
     phase = np.arange(length) / length * N_VIA

@@ -1,7 +1,7 @@
 """Walled arenas: outer walls, inner walls and islands, drawn from a seed or by name.
 
-Maistros, Marom & Hayes (2001), Experiment 2, Figure 8. Every obstacle is a box that stands on the
-floor or a round pillar; between any two that do not touch there is room for a robot.
+Maistros, Marom & Hayes (2001), Experiment 2, Figure 8. Every obstacle is a box or a round
+pillar; a robot fits between any two that do not touch.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 THICKNESS = 0.02  # [m] of a wall
-CLEARANCE = 0.28  # [m] at least between obstacles that do not touch: five robots' radii each way
-SIDES = (1.1, 1.5)  # [m] of a drawn arena, inside
-_TRIES = 300  # at most to find room for one obstacle
+CLEARANCE = 0.28  # [m] least distance of obstacles that do not touch: ten radii of a robot
+SIDES = (1.1, 1.5)  # [m] inside a random arena, least and largest
+_TRIES = 300  # most attempts to place one obstacle
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Box:
 
     Attributes:
         centre: x and y [m].
-        half_size: along its own two axes [m].
-        angle: of its first axis [rad].
+        half_size: Along its own two axes [m].
+        angle: Of its first axis [rad].
     """
 
     centre: tuple[float, float]
@@ -38,20 +38,20 @@ class Box:
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """Its corners in order (4, 2) [m]."""
+        """Return the corners in order `[4, 2]` [m]."""
         signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
         return (signs * self.half_size) @ self.axes + self.centre
 
     @property
     def outline(self) -> NDArray[np.float64]:
-        """Points around it, 1 cm apart or nearer (N, 2) [m]."""
+        """Return points around it, at most 1 cm apart `[N, 2]` [m]."""
         corners = self.corners
         sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
         return np.concatenate([_between(start, end) for start, end in sides])
 
     @property
     def axes(self) -> NDArray[np.float64]:
-        """Its own two axes in the world, one a row (2, 2)."""
+        """Return its two axes in the world as rows `[2, 2]`."""
         cosine, sine = math.cos(self.angle), math.sin(self.angle)
         return np.array([[cosine, sine], [-sine, cosine]])
 
@@ -70,7 +70,7 @@ class Pillar:
 
     @property
     def outline(self) -> NDArray[np.float64]:
-        """Points around it, 1 cm apart or nearer (N, 2) [m]."""
+        """Return points around it, at most 1 cm apart `[N, 2]` [m]."""
         count = max(24, math.ceil(2 * math.pi * self.radius / 0.01))
         turn = np.linspace(0, 2 * math.pi, count, endpoint=False)
         return self.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1) + self.centre
@@ -84,9 +84,9 @@ class Arena:
     """A rectangle of outer walls around (0, 0) with obstacles in it.
 
     Attributes:
-        size: inside the outer walls, along x and y [m].
-        inner_walls: walls that touch an outer one, or stand free.
-        islands: obstacles with a way all around.
+        size: Inside the outer walls, along x and y [m].
+        inner_walls: Walls that touch an outer one, or stand free.
+        islands: Obstacles that a robot can go around.
     """
 
     size: tuple[float, float]
@@ -95,7 +95,7 @@ class Arena:
 
     @property
     def outer_walls(self) -> tuple[Box, ...]:
-        """The four walls around."""
+        """Return the four outer walls."""
         half_x, half_y = self.size[0] / 2, self.size[1] / 2
         half = THICKNESS / 2
         along_x, along_y = (half_x + THICKNESS, half), (half, half_y)
@@ -108,17 +108,17 @@ class Arena:
 
     @property
     def obstacles(self) -> tuple[Box | Pillar, ...]:
-        """Everything that a robot can run into."""
+        """Return everything that a robot can run into."""
         return (*self.outer_walls, *self.inner_walls, *self.islands)
 
     def nearest(self, points: ArrayLike) -> NDArray[np.float64]:
-        """The nearest point of every obstacle to each of points (N, 2), (N, O, 2) [m].
+        """Return the nearest point of every obstacle to each of points `[N, 2]`: `[N, O, 2]` [m].
 
-        Boxes come first, then pillars. Within an obstacle it is the point itself.
+        Boxes come first, then pillars. For a point within an obstacle it is the point itself.
         """
-        places = np.asarray(points, dtype=np.float64)[:, None]  # (N, 1, 2)
+        places = np.asarray(points, dtype=np.float64)[:, None]  # [N, 1, 2]
         centres, axes, half_sizes = self._boxes
-        own = _sum_of_pair((places - centres)[..., None, :] * axes)  # (N, B, 2) in own axes
+        own = _sum_of_pair((places - centres)[..., None, :] * axes)  # [N, B, 2] in own axes
         own = np.minimum(np.maximum(own, -half_sizes), half_sizes)
         on_boxes = own[..., :1] * axes[:, 0] + own[..., 1:] * axes[:, 1] + centres
         centres, radii = self._pillars
@@ -130,20 +130,20 @@ class Arena:
         return np.concatenate([on_boxes, centres + away * inwards], axis=1)
 
     def nearest_wall(self, points: ArrayLike) -> NDArray[np.float64]:
-        """From each of points (N, 2) within the arena to the nearest wall point (N, 2) [m]."""
+        """Return vectors `[N, 2]` [m] from points `[N, 2]` to the nearest wall point."""
         away = self.nearest(points) - np.asarray(points, dtype=np.float64)[:, None]
         nearest = _sum_of_pair(away * away).argmin(axis=1)
         return away[np.arange(len(away)), nearest]
 
     def clearance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Distance of each of points (N, 2) to the nearest wall (N,) [m]; 0 in one or outside."""
+        """Return distances `[N]` [m] of points `[N, 2]` to the nearest wall; 0 outside."""
         places = np.asarray(points, dtype=np.float64)
         inside = (np.abs(places) < np.array(self.size) / 2).all(axis=1)
         return np.where(inside, np.linalg.norm(self.nearest_wall(places), axis=1), 0.0)
 
     @cached_property
     def _boxes(self) -> tuple[NDArray[np.float64], ...]:
-        """Centres (B, 2), axes (B, 2, 2) and half sizes (B, 2) of all boxes."""
+        """Return centres `[B, 2]`, axes `[B, 2, 2]` and half sizes `[B, 2]` of all boxes."""
         boxes = [obstacle for obstacle in self.obstacles if isinstance(obstacle, Box)]
         return (
             np.array([box.centre for box in boxes]),
@@ -153,20 +153,20 @@ class Arena:
 
     @cached_property
     def _pillars(self) -> tuple[NDArray[np.float64], ...]:
-        """Centres (P, 2) and radii (P, 1) of all pillars."""
+        """Return centres `[P, 2]` and radii `[P, 1]` of all pillars."""
         pillars = [obstacle for obstacle in self.obstacles if isinstance(obstacle, Pillar)]
         centres = np.array([pillar.centre for pillar in pillars]).reshape(-1, 2)
         return centres, np.array([pillar.radius for pillar in pillars]).reshape(-1, 1)
 
 
 def make_arena(which: str | int) -> Arena:
-    """An arena by name or from a seed.
+    """Return an arena by name or from a seed.
 
     Args:
-        which: "paper", the kind of arena that the paper shows, or a seed ≥ 0.
+        which: "paper", an arena like the one in the paper, or a seed ≥ 0.
 
     Raises:
-        ValueError: neither.
+        ValueError: Neither.
     """
     if which == "paper":
         return PAPER_ARENA
@@ -176,11 +176,11 @@ def make_arena(which: str | int) -> Arena:
 
 
 def generate_arena(seed: int) -> Arena:
-    """Draws an arena: one or two inner walls, one or two islands, each with a way around."""
+    """Draw an arena: one or two inner walls, one or two islands, each with a way around."""
     rng = np.random.default_rng(seed)
     arena = Arena((_draw(rng, *SIDES), _draw(rng, *SIDES)))
     more_walls, more_islands = rng.integers(0, 2, size=2)
-    # One of each first: for a second one there may be no room.
+    # One of each first: a second one may not fit.
     for with_wall, with_island in ((1, 1), (more_walls, more_islands)):
         for _ in range(with_wall):
             wall = _first_with_room(arena, _inner_walls(arena, rng), touching=1)
@@ -191,7 +191,7 @@ def generate_arena(seed: int) -> Arena:
     return arena
 
 
-# Outer walls of 1.2 m, two inner walls that touch them from opposite sides, and an island.
+# Outer walls of 1.2 m, two inner walls that touch different outer ones, and an island.
 PAPER_ARENA = Arena(
     size=(1.2, 1.2),
     inner_walls=(
@@ -205,17 +205,17 @@ PAPER_ARENA = Arena(
 def _first_with_room(
     arena: Arena, candidates: Iterator[_Obstacle], touching: int
 ) -> tuple[_Obstacle, ...]:
-    """The first candidate with `CLEARANCE` to all but `touching` obstacles; none if none has."""
+    """Return the first candidate with `CLEARANCE` to all but `touching` obstacles, if any."""
     for candidate in islice(candidates, _TRIES):
         outline = candidate.outline
-        gaps = np.linalg.norm(arena.nearest(outline) - outline[:, None], axis=2).min(axis=0)  # (O,)
+        gaps = np.linalg.norm(arena.nearest(outline) - outline[:, None], axis=2).min(axis=0)  # [O]
         if (gaps < CLEARANCE).sum() == touching:
             return (candidate,)
     return ()
 
 
 def _inner_walls(arena: Arena, rng: np.random.Generator) -> Iterator[Box]:
-    """Walls that stand off an outer one at a right angle, anywhere along it."""
+    """Yield walls at a right angle to an outer one, anywhere along it."""
     while True:
         axis, side = rng.integers(2), rng.choice([-1, 1])
         half_length = _draw(rng, 0.12, 0.2)
@@ -227,7 +227,7 @@ def _inner_walls(arena: Arena, rng: np.random.Generator) -> Iterator[Box]:
 
 
 def _islands(arena: Arena, rng: np.random.Generator) -> Iterator[Box | Pillar]:
-    """Boxes at any angle and pillars, anywhere."""
+    """Yield boxes at any angle and pillars, anywhere."""
     while True:
         x, y = (_draw(rng, -0.5, 0.5) * side for side in arena.size)
         if rng.random() < 0.5:
@@ -238,7 +238,7 @@ def _islands(arena: Arena, rng: np.random.Generator) -> Iterator[Box | Pillar]:
 
 
 def _sum_of_pair(pairs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The sum over the last axis, whose length is 2; numpy's `sum` takes three times as long."""
+    """Return the sum over the last axis, of length 2; numpy's `sum` is three times slower."""
     return pairs[..., 0] + pairs[..., 1]
 
 

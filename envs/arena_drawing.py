@@ -1,7 +1,7 @@
 """Pictures of the arena, from above or behind the learner, with the rays of its sensors.
 
-OpenGL draws them where it can be had. Elsewhere MuJoCo finds what each pixel's line of sight hits
-and Pillow draws the rays over it: the same cameras, colours and light.
+OpenGL draws them if it is available. Otherwise MuJoCo finds what each pixel's line of sight hits,
+and Pillow draws the rays over it, with the same cameras, colours and light.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ _LINES_PER_WIDTH = 180  # rays are drawn 1/180 of the picture's height wide
 
 
 def render_arena(physics: ArenaPhysics, camera: str, height: int, width: int) -> NDArray[np.uint8]:
-    """Draws the arena with OpenGL.
+    """Draw the arena with OpenGL.
 
     Args:
-        physics: the arena in its current state.
+        physics: The arena in its current state.
         camera: "top" or "chase".
-        height: of the picture [pixels].
-        width: of the picture [pixels].
+        height: Of the picture [pixels].
+        width: Of the picture [pixels].
 
     Returns:
-        The picture (height, width, 3) uint8.
+        The picture `[height, width, 3]` uint8.
 
     Raises:
-        Exception: OpenGL cannot be had; each of its backends raises its own kind.
+        Exception: OpenGL is not available; each backend raises its own kind.
     """
     _fit_top_camera(physics, height, width)
     starts, ends, colours = _rays(physics)
@@ -50,27 +50,27 @@ def render_arena(physics: ArenaPhysics, camera: str, height: int, width: int) ->
                 np.array([*colour, 1.0], dtype=np.float32),
             )  # fmt: skip
             mjv_connector(line, mjtGeom.mjGEOM_LINE, _line_width(height), start, end)
-            line.emission = 1.0  # shines by itself: a line has no side to the light
+            line.emission = 1.0  # a line has no surface to light
 
     index = physics.model.name2id(camera, "camera")
     return physics.render(height, width, camera_id=index, scene_callback=add_rays)
 
 
 def draw_arena(physics: ArenaPhysics, camera: str, height: int, width: int) -> NDArray[np.uint8]:
-    """Draws the arena without OpenGL.
+    """Draw the arena without OpenGL.
 
     Args:
-        physics: the arena in its current state.
+        physics: The arena in its current state.
         camera: "top" or "chase".
-        height: of the picture [pixels].
-        width: of the picture [pixels].
+        height: Of the picture [pixels].
+        width: Of the picture [pixels].
 
     Returns:
-        The picture (height, width, 3) uint8.
+        The picture `[height, width, 3]` uint8.
     """
     _fit_top_camera(physics, height, width)
     pinhole = Pinhole(physics, camera, height, width)
-    picture = Image.fromarray(_look(physics, pinhole))
+    picture = Image.fromarray(_lit_colours(physics, pinhole))
     draw = ImageDraw.Draw(picture)
     for start, end, colour in zip(*_rays(physics), strict=True):
         line = pinhole.project(np.stack([start, end]))
@@ -79,8 +79,8 @@ def draw_arena(physics: ArenaPhysics, camera: str, height: int, width: int) -> N
     return np.asarray(picture)
 
 
-def _look(physics: ArenaPhysics, pinhole: Pinhole) -> NDArray[np.uint8]:
-    """What each pixel sees (H, W, 3), lit from the camera."""
+def _lit_colours(physics: ArenaPhysics, pinhole: Pinhole) -> NDArray[np.uint8]:
+    """Return the colour that each pixel sees `[H, W, 3]`, lit from the camera."""
     sight = pinhole.lines_of_sight()
     count = sight[..., 0].size
     geoms, distances = np.empty(count, dtype=np.int32), np.empty(count)
@@ -97,7 +97,7 @@ def _look(physics: ArenaPhysics, pinhole: Pinhole) -> NDArray[np.uint8]:
 
 
 def _rays(physics: ArenaPhysics) -> tuple[NDArray[np.float64], ...]:
-    """Where the learner's rays begin and end (18, 3) [m], and their colours (18, 3).
+    """Return start and end points `[18, 3]` [m] of the learner's rays, and their colours `[18, 3]`.
 
     They are drawn at the height of the robot's top, where its hull does not hide them.
     """
@@ -113,7 +113,7 @@ def _rays(physics: ArenaPhysics) -> tuple[NDArray[np.float64], ...]:
 
 
 def _fit_top_camera(physics: ArenaPhysics, height: int, width: int) -> None:
-    """Opens the camera above as far as the arena needs in a picture of this shape."""
+    """Set the top camera's angle so that the arena fits a picture of this shape."""
     x, y = (side / 2 + MARGIN for side in physics.arena.size)
     half = max(y, x * height / width)  # [m] of the picture's height
     angle = 2 * np.arctan(half / (TOP_CAMERA_HEIGHT - WALL_HEIGHT))
@@ -122,5 +122,5 @@ def _fit_top_camera(physics: ArenaPhysics, height: int, width: int) -> None:
 
 
 def _line_width(height: int) -> float:
-    """Of a ray [pixels]."""
+    """Return the width of a ray [pixels]."""
     return max(1.0, height / _LINES_PER_WIDTH)

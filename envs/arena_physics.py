@@ -21,7 +21,7 @@ class NearestWall(NamedTuple):
     """The wall nearest to a robot."""
 
     distance: float  # [m] from its rim
-    direction: NDArray[np.float64]  # (2,) from the robot to the wall, of length one
+    direction: NDArray[np.float64]  # [2] from the robot to the wall, of length one
 
 
 class ArenaPhysics(mujoco.Physics):
@@ -33,11 +33,11 @@ class ArenaPhysics(mujoco.Physics):
 
     @classmethod
     def build(cls, arena: Arena, robots: tuple[str, ...]) -> ArenaPhysics:
-        """Compiles the scene.
+        """Compile the scene.
 
         Args:
-            arena: where.
-            robots: their names.
+            arena: To build.
+            robots: Their names.
         """
         physics = cls.from_xml_string(build_scene(arena, robots))
         physics.arena, physics.robots = arena, robots
@@ -48,40 +48,40 @@ class ArenaPhysics(mujoco.Physics):
         return physics
 
     def begin(self, poses: NDArray[np.float64]) -> None:
-        """Puts the robots at rest.
+        """Put the robots at rest.
 
         Args:
-            poses: x, y and heading of each (R, 3) [m, m, rad].
+            poses: x, y and heading of each `[R, 3]` [m, m, rad].
         """
         with self.reset_context():
             self.data.qpos[:] = poses.ravel()
 
     def advance(self, wheels: NDArray[np.float64]) -> None:
-        """Runs one control step.
+        """Run one control step.
 
         Args:
-            wheels: speeds of each robot's left and right wheel (R, 2) [m/s].
+            wheels: Speeds of each robot's left and right wheel `[R, 2]` [m/s].
         """
         self.data.ctrl.reshape(-1, _ACTUATORS)[:, :2] = wheels
         run_substeps(self, N_SUBSTEPS)
 
     @property
     def poses(self) -> NDArray[np.float64]:
-        """x, y and heading of each robot (R, 3) [m, m, rad]."""
+        """Return x, y and heading of each robot `[R, 3]` [m, m, rad]."""
         return self.data.qpos.reshape(-1, 3).copy()
 
     def infrared(self, robot: int) -> NDArray[np.float64]:
-        """A robot's six readings without noise (6,) in [0, 1]."""
+        """Return a robot's six readings without noise `[6]` in [0, 1]."""
         shape = (len(self.robots), len(INFRARED_NAMES), len(RAY_ANGLES))
         return infrared(self.data.sensordata.reshape(shape)[robot])
 
     def touches(self, robot: int) -> bool:
-        """Whether a robot touches anything."""
+        """Return whether a robot touches anything."""
         data, hull = self.data.ptr, self._hulls[robot]
         return data.ncon > 0 and bool((data.contact.geom == hull).any())
 
     def nearest_wall(self, robot: int) -> NearestWall:
-        """The wall nearest to a robot."""
+        """Return the wall nearest to a robot."""
         place = self.data.qpos[3 * robot : 3 * robot + 2]
         away = self.arena.nearest_wall(place[None])[0]
         distance = math.sqrt(away.dot(away))

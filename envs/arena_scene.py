@@ -1,4 +1,4 @@
-"""The walled arena as a MuJoCo model: floor, walls, islands, the learner and perhaps a teacher."""
+"""The walled arena as a MuJoCo model: floor, walls, islands, learner, optionally teacher."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ CONTROL_TIMESTEP = 0.1  # [s]
 N_SUBSTEPS = round(CONTROL_TIMESTEP / TIMESTEP)
 WALL_HEIGHT = 0.05  # [m]
 TOP_CAMERA, CHASE_CAMERA = "top", "chase"
-TOP_CAMERA_HEIGHT = 4.0  # [m] far enough for a picture that is nearly a map
+TOP_CAMERA_HEIGHT = 4.0  # [m] high enough to see nearly no walls from the side
 AMBIENT, DIFFUSE = 0.55, 0.45  # of the light, which shines from the camera
 MAX_WIDTH, MAX_HEIGHT = 1920, 1080  # [pixels] of a picture
 
@@ -22,10 +22,10 @@ WALL, ISLAND, FLOOR = (0.30, 0.32, 0.37, 1.0), (0.44, 0.60, 0.54, 1.0), (0.87, 0
 
 
 def build_scene(arena: Arena, robots: tuple[str, ...]) -> str:
-    """The model as XML.
+    """Return the model as XML.
 
     Args:
-        arena: where.
+        arena: To build.
         robots: "learner", and "teacher" if there is one.
     """
     root = Element("mujoco", model="walled arena")

@@ -1,8 +1,8 @@
-"""What the demonstrator can show: drink, toast and move, each as postures and a schedule.
+"""The demonstrator's behaviours: drink, toast and move, each as postures and a schedule.
 
-A toast is a drink before which the glass is raised in greeting, the other hand with it, and after
-which the hand stays on the table: up to the grasp nothing tells the two apart. A move carries the
-glass over the table, the head turned to where it goes and the left hand off the table.
+In a toast the glass and the other hand are raised before the drink, and the hand stays on the table
+at the end; drink and toast are identical up to the grasp. In a move the glass is carried over the
+table, with the head turned to its goal and the left hand off the table.
 """
 
 from collections.abc import Callable
@@ -27,12 +27,12 @@ PHASES = (
     "carry",
 )
 
-CLEARANCE = 0.06  # [m] the glass is lifted straight up, and comes straight down, this much
-MOVE_CLEARANCE = 0.04  # [m] likewise where it is not taken to the mouth; the arc between is higher
-PRESS = 0.003  # [m] the glass is put down as if the table were this much lower
+CLEARANCE = 0.06  # [m] height of the vertical first and last part of a glass's way
+MOVE_CLEARANCE = 0.04  # [m] the same for a move; the arc between is higher
+PRESS = 0.003  # [m] below the table at which the glass is put down
 MOUTH_TILT, DRINK_TILT = np.deg2rad(25.0), np.deg2rad(50.0)  # of the glass, towards the face
 
-# Residuals [m] of a body with a glass in hand that stood at (3,) [m] when it was taken.
+# Residuals [m] of a body with a glass in hand that stood at [3] [m] when it was taken.
 GlassError = Callable[[HeldGlass, BodyPose, np.ndarray], np.ndarray]
 
 
@@ -45,27 +45,27 @@ class Movement(NamedTuple):
 
 
 class Behaviour(NamedTuple):
-    """What decides a demonstration, but for its seed."""
+    """All that defines a demonstration except its seed."""
 
     # Free postures in degrees: neck (rz, ry, rx), right and left arm (shoulder rz, ry, rx, elbow).
     postures: dict[str, tuple[float, ...]]
-    # Postures with the glass in hand: where inverse kinematics begins, and what it makes small.
+    # Postures with the glass in hand: start posture and error of the inverse kinematics.
     carried: dict[str, tuple[str, GlassError]]
-    schedule: tuple[Movement, ...]  # after "grasp" comes a movement via "grasp", "above", ...
+    schedule: tuple[Movement, ...]  # the movement after "grasp" goes via "grasp", "above", ...
 
 
 def _upright_by(offset: np.ndarray) -> GlassError:
-    """An upright glass, away by `offset` (3,) [m] from where it stood."""
+    """Return the error of an upright glass, away by `offset` `[3]` [m] from where it stood."""
     return lambda held, pose, standing: held.stand_error(pose, standing + offset)
 
 
 def _upright_at(point: np.ndarray) -> GlassError:
-    """An upright glass with its middle at `point` (3,) [m]."""
+    """Return the error of an upright glass with its middle at `point` `[3]` [m]."""
     return lambda held, pose, _: held.stand_error(pose, point)
 
 
 def _at_mouth(tilt: float) -> GlassError:
-    """A rim at the mouth, the glass tilted by `tilt` [rad]."""
+    """Return the error of a rim at the mouth, with the glass tilted by `tilt` [rad]."""
     return lambda held, pose, _: held.drink_error(pose, tilt)
 
 

@@ -1,7 +1,7 @@
 """The demonstrator's plan: a smooth, timed, seeded trajectory of joint angles for a behaviour.
 
 Each movement runs through its postures on a C2 spline whose parameter follows the minimum-jerk
-profile 10 s^3 - 15 s^4 + 6 s^5 (Flash & Hogan 1985), so that it starts and ends at rest.
+profile 10 s^3 - 15 s^4 + 6 s^5 (Flash & Hogan 1985), so it starts and ends at rest.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from envs.kinematics import BodyKinematics
 from envs.mishaps import beside, interrupt, tremble
 from envs.scene import CONTROL_TIMESTEP, GLASS_REST_Z
 
-POSTURE_JITTER = 0.03  # [rad] uniform, of the postures that no inverse kinematics decides
+POSTURE_JITTER = 0.03  # [rad] uniform, of the postures that are not solved by inverse kinematics
 PACE_SPREAD = 0.10  # of the whole demonstration, uniform
 DURATION_SPREAD = 0.05  # of each phase, uniform
 
@@ -24,8 +24,8 @@ DURATION_SPREAD = 0.05  # of each phase, uniform
 class Demonstration(NamedTuple):
     """A planned episode, one row per control step; row 0 is where the demonstrator starts."""
 
-    angles: np.ndarray  # (T, 11) [rad] targets
-    phases: np.ndarray  # (T,) index into PHASES
+    angles: np.ndarray  # [T, 11] [rad] targets
+    phases: np.ndarray  # [T] index into PHASES
 
 
 def plan_demonstration(
@@ -37,15 +37,15 @@ def plan_demonstration(
     pace: float = 1.0,
     mishap: str | None = None,
 ) -> Demonstration:
-    """Plans one demonstration.
+    """Plan one demonstration.
 
     Args:
-        body: the kinematics of the demonstrator.
-        glass_place: where its glass stands (2,) [m], body frame.
-        rng: decides pace, durations, the jitter of the postures and a mishap's size.
-        behaviour: of BEHAVIOURS.
-        pace: 1.25 is 25 % faster than taught.
-        mishap: of MISHAPS, or None.
+        body: The kinematics of the demonstrator.
+        glass_place: Where its glass stands `[2]` [m], body frame.
+        rng: Decides pace, durations, the jitter of the postures and a mishap's size.
+        behaviour: One of BEHAVIOURS.
+        pace: 1.25 is 25 % faster than nominal.
+        mishap: One of MISHAPS, or None.
 
     Returns:
         The plan, at `CONTROL_TIMESTEP`.
@@ -67,7 +67,7 @@ def plan_demonstration(
 def _connect(
     postures: dict[str, np.ndarray], schedule: tuple[Movement, ...], stretch: np.ndarray
 ) -> Demonstration:
-    """Strings the movements together, each as long as its nominal duration times its stretch."""
+    """Connect the movements, each as long as its nominal duration times its stretch."""
     angles, phases = [postures["rest"][None]], [0]
     for (phase, via, duration), factor in zip(schedule, stretch, strict=True):
         n_steps = max(1, round(duration * factor / CONTROL_TIMESTEP))
@@ -77,7 +77,7 @@ def _connect(
 
 
 def _move(via: np.ndarray, n_steps: int) -> np.ndarray:
-    """Angles (n_steps, 11) [rad] of a movement through `via` (V, 11), from rest to rest."""
+    """Return angles `[n_steps, 11]` [rad] through `via` `[V, 11]`, from rest to rest."""
     if len(via) == 1:
         return np.repeat(via, n_steps, axis=0)
     time = np.arange(1, n_steps + 1) / n_steps
@@ -93,16 +93,16 @@ def solve_postures(
     rng: np.random.Generator,
     behaviour: Behaviour = DRINK,
 ) -> dict[str, np.ndarray]:
-    """Jitters the free postures and solves those that must meet the glass, the mouth or a place.
+    """Jitter the free postures and solve those with the glass in hand.
 
     Args:
-        body: the kinematics of the demonstrator.
-        glass_place: where its glass stands (2,) [m], body frame.
-        rng: decides the jitter.
-        behaviour: which postures.
+        body: The kinematics of the demonstrator.
+        glass_place: Where its glass stands `[2]` [m], body frame.
+        rng: Decides the jitter.
+        behaviour: Whose postures.
 
     Returns:
-        Name -> posture (11,) [rad].
+        Name -> posture `[11]` [rad].
     """
     names = tuple(behaviour.postures)
     jitter = rng.uniform(-POSTURE_JITTER, POSTURE_JITTER, size=(len(names), len(JOINTS)))

@@ -1,7 +1,7 @@
 """A picture of the scene without OpenGL: the outlines of its convex geoms, from far to near.
 
 The projection of a convex shape is the convex hull of its projected surface points, so one routine
-draws spheres, capsules, ellipsoids, cylinders and boxes alike. Pillow fills the outlines.
+draws spheres, capsules, ellipsoids, cylinders and boxes. Pillow fills the outlines.
 """
 
 import numpy as np
@@ -13,21 +13,21 @@ from scipy.spatial import ConvexHull
 from envs.pinhole import Pinhole
 from envs.scene import CAMERA, FLOOR_HALF_SIZE, FURNITURE_GROUP, HIDDEN_GROUP
 
-OVERSAMPLING = 2  # drawn larger and scaled down, for smooth edges
+OVERSAMPLING = 2  # pictures are drawn larger and scaled down, for smooth edges
 SKY_TOP, SKY_HORIZON, FLOOR = (190, 202, 217), (233, 236, 240), (150, 150, 152)
 OUTLINE_SHADE = 0.72
 
 
 def draw_scene(physics: dm_mujoco.Physics, height: int, width: int) -> np.ndarray:
-    """Draws the scene as its camera sees it.
+    """Draw the scene as its camera sees it.
 
     Args:
-        physics: the compiled scene in its current state.
-        height: of the picture [pixels].
-        width: of the picture [pixels].
+        physics: The compiled scene in its current state.
+        height: Of the picture [pixels].
+        width: Of the picture [pixels].
 
     Returns:
-        The picture (height, width, 3) uint8.
+        The picture `[height, width, 3]` uint8.
     """
     size = (height * OVERSAMPLING, width * OVERSAMPLING)
     camera = Pinhole(physics, CAMERA, *size)
@@ -43,7 +43,7 @@ def draw_scene(physics: dm_mujoco.Physics, height: int, width: int) -> np.ndarra
 
 
 def _background(camera: Pinhole, height: int, width: int) -> Image.Image:
-    """A graded sky above the floor's far edge and the floor's colour below it."""
+    """Return a graded sky above the floor's far edge, and the floor's colour below it."""
     far_edge = camera.project(np.array([[0.0, FLOOR_HALF_SIZE, 0.0]]))[0, 1]
     horizon = int(np.clip(far_edge, 1, height))
     rows = np.empty((height, 1, 3), dtype=np.uint8)
@@ -53,7 +53,7 @@ def _background(camera: Pinhole, height: int, width: int) -> Image.Image:
 
 
 def _drawing_order(physics: dm_mujoco.Physics, camera: Pinhole) -> np.ndarray:
-    """Visible geoms, furniture first (all else is above it), then from far to near."""
+    """Return visible geoms: furniture first, which is below all else, then from far to near."""
     model = physics.model
     visible = (model.geom_group < HIDDEN_GROUP) & (model.geom_type != mjtGeom.mjGEOM_PLANE)
     geoms = np.flatnonzero(visible)
@@ -63,14 +63,14 @@ def _drawing_order(physics: dm_mujoco.Physics, camera: Pinhole) -> np.ndarray:
 
 
 def _surface(physics: dm_mujoco.Physics, geom: int) -> np.ndarray:
-    """Points (N, 3) [m] on a geom's surface whose convex hull is the geom, in the world."""
+    """Return points `[N, 3]` [m] in the world whose convex hull is a geom."""
     kind, size = physics.model.geom_type[geom], physics.model.geom_size[geom]
     points = _local_surface(kind, size)
     return physics.data.geom_xpos[geom] + points @ physics.data.geom_xmat[geom].reshape(3, 3).T
 
 
 def _local_surface(kind: int, size: np.ndarray) -> np.ndarray:
-    """Points (N, 3) [m] on a surface of MuJoCo's `kind` and `size`, in the geom's frame."""
+    """Return surface points `[N, 3]` [m] of MuJoCo's `kind` and `size`, in the geom's frame."""
     ends = np.repeat([-1.0, 1.0], len(_CIRCLE))[:, None] * (0.0, 0.0, 1.0)
     if kind == mjtGeom.mjGEOM_BOX:
         return _CUBE * size
@@ -83,12 +83,12 @@ def _local_surface(kind: int, size: np.ndarray) -> np.ndarray:
 
 
 def _outline(pixels: np.ndarray) -> list[tuple[float, float]]:
-    """The corners of the convex hull of pixels (N, 2), in order."""
+    """Return the corners of the convex hull of pixels `[N, 2]`, in order."""
     return [tuple(corner) for corner in pixels[ConvexHull(pixels).vertices]]
 
 
 def _unit_sphere(n_rings: int = 13, n_around: int = 24) -> np.ndarray:
-    """Points (N, 3) on the unit sphere."""
+    """Return points `[N, 3]` on the unit sphere."""
     polar, around = np.meshgrid(
         np.linspace(0, np.pi, n_rings), np.linspace(0, 2 * np.pi, n_around, endpoint=False)
     )

@@ -1,15 +1,15 @@
-"""Chooses MuJoCo's OpenGL backend before dm_control is imported, so that no display is ever needed.
+"""Chooses MuJoCo's OpenGL backend before dm_control is imported, so that no display is needed.
 
-dm_control reads ``MUJOCO_GL`` once, at import. Left to itself on a machine without a display it
-picks GLFW, and the first render may end the process in a way that Python cannot catch.
+dm_control reads ``MUJOCO_GL`` once, at import. By default it picks GLFW, and without a display the
+first render may then end the process in a way that Python cannot catch.
 """
 
 import os
 import subprocess
 import sys
 
-BACKENDS = ("egl", "osmesa", "glfw")  # the first two draw without a window
-TRIAL_SECONDS = 30.0  # after which a backend counts as broken
+BACKENDS = ("egl", "osmesa", "glfw")  # the first two need no window
+TRIAL_SECONDS = 30.0  # timeout of a trial
 TRIAL = """
 import mujoco
 from dm_control import _render
@@ -19,13 +19,13 @@ with _render.Renderer(16, 16).make_current() as context:
 
 
 def choose_gl() -> None:
-    """Sets ``MUJOCO_GL`` to a backend that works here: the one it names, if that does.
+    """Set ``MUJOCO_GL`` to a backend that works here; prefer the one that it names.
 
-    Else in order: EGL, OSMesa, GLFW where there is a display, ``disable`` (no OpenGL). Only Linux
-    needs the choice.
+    Otherwise the first that works of EGL, OSMesa, GLFW with a display, and ``disable`` (no OpenGL).
+    Only Linux needs the choice.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
-    is_other_word = wanted not in ("", *BACKENDS)  # "disable", or dm_control explains the error
+    is_other_word = wanted not in ("", *BACKENDS)  # "disable", or dm_control reports the error
     if not sys.platform.startswith("linux") or is_other_word:
         return
     candidates = dict.fromkeys((wanted or BACKENDS[0], *BACKENDS))
@@ -33,16 +33,16 @@ def choose_gl() -> None:
 
 
 def _works(backend: str) -> bool:
-    """Whether a backend can be had; GLFW is not even tried without a display."""
+    """Return whether a backend works; GLFW is not tried without a display."""
     has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return (backend != "glfw" or bool(has_display)) and _makes_context(backend)
 
 
 def _makes_context(backend: str) -> bool:
-    """Tries a backend in a process of its own.
+    """Try a backend in its own process.
 
-    A library that is there may still find no device, one that fails leaves PyOpenGL bound to it,
-    and some end the process.
+    An installed library may find no device; after a failure PyOpenGL stays bound to the library;
+    and some failures end the process.
     """
     command = [sys.executable, "-c", TRIAL]
     environ = {**os.environ, "MUJOCO_GL": backend}

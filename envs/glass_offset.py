@@ -1,6 +1,6 @@
-"""Where else on the table the glasses can stand: away from the place that demonstrations begin at.
+"""Other places of the glasses on the table than the usual one of the demonstrations.
 
-Both glasses stand away from their place alike, each as its own body sees it.
+Both glasses have the same offset from their place, each in its own body's frame.
 """
 
 import math
@@ -9,29 +9,29 @@ import numpy as np
 
 from envs.scene import GLASS_PLACE, ROOT_DISTANCE
 
-MAX_OFFSET = 0.16  # [m] that far the arms reach, and the glasses stand on the table
-CLEARANCE = 0.06  # [m] of a glass's middle from the table's, beyond which is the other glass
-# From forwards, to the left [rad]: away from the other glass, and from where the way to the mouth
-# leads past the place of a toast.
+MAX_OFFSET = 0.16  # [m] limited by the arms' reach and the table
+CLEARANCE = 0.06  # [m] least distance of a glass from the table's middle
+# Counterclockwise from forwards [rad]: not towards the other glass, nor where the way to the mouth
+# would pass the place of a toast.
 DIRECTIONS = (math.radians(60.0), math.radians(255.0))
 
 
 def draw_offset(rng: np.random.Generator, distance: float) -> np.ndarray:
-    """An offset in a direction in which everything about a drink can be done.
+    """Return an offset in a direction in which a whole drink is possible.
 
     Args:
-        rng: decides the direction.
-        distance: from the usual place [m], at most `MAX_OFFSET`.
+        rng: Decides the direction.
+        distance: From the usual place [m], at most `MAX_OFFSET`.
 
     Returns:
-        The offset (2,) [m], in the body frame.
+        The offset `[2]` [m], in the body frame.
     """
     direction = rng.uniform(*DIRECTIONS)
     return distance * np.array((math.cos(direction), math.sin(direction)))
 
 
 def checked_offset(value: object) -> np.ndarray:
-    """The offset as float64 (2,) [m], or a ValueError."""
+    """Return the offset as float64 `[2]` [m], or raise a ValueError."""
     wanted = f"expected glass_offset as (dx, dy), at most {MAX_OFFSET} m long"
     try:
         offset = np.array(value, dtype=np.float64)
@@ -43,7 +43,7 @@ def checked_offset(value: object) -> np.ndarray:
     to_middle = math.hypot(x - ROOT_DISTANCE / 2, y)
     if to_middle < CLEARANCE:
         raise ValueError(
-            f"expected glass_offset to keep a glass {CLEARANCE} m from the table's middle, where "
-            f"the other one would be in its way, got {value!r}, {to_middle:.3f} m from there"
+            f"expected glass_offset to keep a glass {CLEARANCE} m from the table's middle, away "
+            f"from the other one, got {value!r}, {to_middle:.3f} m from the middle"
         )
     return offset

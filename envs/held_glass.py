@@ -1,4 +1,4 @@
-"""Where a posture puts a glass that is fixed in the hand, as residuals for the inverse kinematics.
+"""Residuals of the inverse kinematics of a body with a glass fixed in its hand.
 
 Positions are in the body frame.
 """
@@ -10,20 +10,20 @@ import numpy as np
 from envs.kinematics import BodyPose
 from envs.scene import GLASS_HEIGHT, GLASS_RADIUS, GRIP_HEIGHT
 
-AXIS_WEIGHT = 0.05  # [m/rad] how much a wrong tilt counts beside a wrong place
+AXIS_WEIGHT = 0.05  # [m/rad] weight of an error of the tilt
 
 UP = np.array((0.0, 0.0, 1.0))
 
 
 def hold_error(pose: BodyPose, glass: np.ndarray) -> np.ndarray:
-    """Residuals of a hand about to hold a standing glass, thumb up.
+    """Return the residuals of a hand about to hold a standing glass, thumb up.
 
     Args:
-        pose: of the body.
-        glass: the glass's middle (3,) [m].
+        pose: Of the body.
+        glass: The glass's middle `[3]` [m].
 
     Returns:
-        Residuals (6,) [m].
+        Residuals `[6]` [m].
     """
     point = glass + GRIP_HEIGHT * UP
     thumb = pose.hand[:, 0]
@@ -33,22 +33,22 @@ def hold_error(pose: BodyPose, glass: np.ndarray) -> np.ndarray:
 class HeldGlass(NamedTuple):
     """A glass fixed in the hand: its middle and its axis in the hand's frame, from the grip."""
 
-    centre: np.ndarray  # (3,) [m]
-    axis: np.ndarray  # (3,)
+    centre: np.ndarray  # [3] [m]
+    axis: np.ndarray  # [3]
 
     @classmethod
     def from_grasp(cls, pose: BodyPose, glass: np.ndarray) -> "HeldGlass":
-        """The glass that stands at `glass` (3,) [m], held by a hand at `pose`."""
+        """Return the glass that stands at `glass` `[3]` [m], held by a hand at `pose`."""
         return cls(pose.hand.T @ (glass - pose.grip), pose.hand[2])
 
     def stand_error(self, pose: BodyPose, centre: np.ndarray) -> np.ndarray:
-        """Residuals [m] against a glass upright with its middle at `centre` (3,) [m]."""
+        """Return residuals [m] from an upright glass with its middle at `centre` `[3]` [m]."""
         axis = pose.hand @ self.axis
         place = pose.grip + pose.hand @ self.centre
         return np.concatenate([place - centre, AXIS_WEIGHT * axis[:2]])
 
     def drink_error(self, pose: BodyPose, tilt: float) -> np.ndarray:
-        """Residuals [m] against a rim at the mouth and a glass tilted by `tilt` [rad]."""
+        """Return residuals [m] from a rim at the mouth, with the glass tilted by `tilt` [rad]."""
         axis = pose.hand @ self.axis
         rim = pose.grip + pose.hand @ self.centre + GLASS_HEIGHT / 2 * axis
         wanted = np.array([-np.sin(tilt), 0.0, np.cos(tilt)])
@@ -61,15 +61,15 @@ class HeldGlass(NamedTuple):
 
 
 def nearest_on_rim(rim: np.ndarray, axis: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """The point of the rim's circle nearest to a point.
+    """Return the point of the rim's circle nearest to a point.
 
     Args:
-        rim: the circle's centre (3,) [m].
-        axis: the glass's axis (3,), of length one.
-        point: (3,) [m].
+        rim: The circle's centre `[3]` [m].
+        axis: The glass's axis `[3]`, of length one.
+        point: `[3]` [m].
 
     Returns:
-        The nearest point (3,) [m].
+        The nearest point `[3]` [m].
     """
     offset = point - rim
     radial = offset - (offset @ axis) * axis

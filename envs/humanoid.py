@@ -1,8 +1,8 @@
-"""A waist-up humanoid with 11 joints, cut from dm_control's CMU humanoid (V2020, 1.2 times).
+"""A waist-up humanoid with 11 joints, made from dm_control's CMU humanoid (V2020, scaled by 1.2).
 
 The body frame is the root's: x forwards, y to the left, z up, its origin at the pelvis. Everything
-below the waist goes, the spine, the collar bones, the wrists and the fingers are welded; three
-hinges of the head, three of each shoulder and one of each elbow stay.
+below the waist is removed; spine, collar bones, wrists and fingers are welded; three hinges of the
+head, three of each shoulder and one of each elbow are kept.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from dm_control.locomotion import walkers
 from dm_control.locomotion.walkers import rescale
 from mujoco import mju_mulQuat, mju_normalize4, mju_rotVecQuat  # pyright: ignore[reportAttributeAccessIssue]
 
-Element = Any  # of PyMJCF, which makes attributes at run time: no type checker can follow
+Element = Any  # of PyMJCF, whose attributes are made at run time
 
 XML_PATH = Path(walkers.__file__).parent / "assets" / "humanoid_CMU_V2020.xml"
 SCALE = 1.2
@@ -35,7 +35,7 @@ JOINT_SOURCES = {
 }
 JOINTS = tuple(JOINT_SOURCES)
 
-# Welded joints that do not stay at zero, applied in this order: body -> ((axis, degrees), ...).
+# Welded joints that are not at zero, applied in this order: body -> ((axis, degrees), ...).
 # The right wrist holds an upright glass with the thumb up; fingers and thumbs are half closed.
 FIXED_ANGLES = {
     "rwrist": (("y", -92.0),),
@@ -49,10 +49,10 @@ FIXED_ANGLES = {
 }
 
 # Sites in the frame of the body that carries them [m, after scaling].
-GRIP_POS = (0.0, -0.072, -0.060)  # right hand: axis of the glass that lies in the palm
+GRIP_POS = (0.0, -0.072, -0.060)  # right hand: axis of a glass in the palm
 MOUTH_POS = (0.0, 0.012, 0.137)  # head: just before the lips
 
-# What the shirt covers.
+# Bodies that the shirt covers.
 DRESSED = (
     "root",
     "lowerback",
@@ -64,11 +64,11 @@ DRESSED = (
     "rhumerus",
 )
 
-# Collision bits. No arm meets a glass: the hand's closing is implied, so it must reach inside.
+# Collision bits. Arms do not collide with glasses, because a hand must be able to reach inside.
 FURNITURE, BODY, FOREARM, GLASS = 1, 2, 4, 8
 
 # Joint PID: torque = kp e + ki (integral of e), and damping that the integrator treats implicitly.
-# Measured in benchmarks/postural_control.py; a derivative term would only add to the lag.
+# benchmarks/postural_control.py compares it with others; a derivative term would add to the lag.
 KP = {"neck": 480.0, "shoulder": 960.0, "elbow": 720.0}  # [N m/rad]
 KI_PER_KP = 0.5  # [1/s]
 DAMPING_PER_KP = 1 / 60  # [s]
@@ -78,17 +78,17 @@ ARMATURE = 0.02  # [kg m^2]
 
 
 def stiffness(joint: str) -> float:
-    """Proportional gain [N m/rad] of a joint of `JOINTS`."""
+    """Return the proportional gain [N m/rad] of a joint of `JOINTS`."""
     return next(kp for part, kp in KP.items() if part in joint)
 
 
 def build_humanoid(name: str, shirt: tuple[float, ...], skin: tuple[float, ...]) -> Element:
-    """Builds one body, to be attached to a scene.
+    """Build one body, to be attached to a scene.
 
     Args:
-        name: prefix of every element once attached.
-        shirt: rgba of trunk and upper arms.
-        skin: rgba of head, forearms and hands.
+        name: Prefix of every element once attached.
+        shirt: RGBA of trunk and upper arms.
+        skin: RGBA of head, forearms and hands.
 
     Returns:
         A PyMJCF model with 11 hinges, no actuators, and the sites ``wrist``, ``grip``, ``mouth``.
@@ -106,7 +106,7 @@ def build_humanoid(name: str, shirt: tuple[float, ...], skin: tuple[float, ...])
 
 
 def _strip(model: Element) -> None:
-    """Removes the legs, and what refers to things that go: sensors, actuators, cameras, lights."""
+    """Remove the legs, and elements that refer to them: sensors, actuators, cameras, lights."""
     for kind in ("actuator", "sensor", "contact", "camera", "light", "site"):
         for element in model.find_all(kind):
             element.remove()
@@ -117,7 +117,7 @@ def _strip(model: Element) -> None:
 
 
 def _weld(model: Element) -> None:
-    """Turns the fixed joints to their angles and deletes every joint that is not kept."""
+    """Turn the fixed joints to their angles and delete every joint that is not kept."""
     for body_name, rotations in FIXED_ANGLES.items():
         body = model.find("body", body_name)
         for axis, degrees in rotations:
@@ -128,7 +128,7 @@ def _weld(model: Element) -> None:
 
 
 def _turn(body: Element, axis: str, angle: float) -> None:
-    """Rotates `body` by `angle` [rad] about its joint of that axis, as the joint would."""
+    """Rotate `body` by `angle` [rad] about its joint of that axis, as the joint would."""
     quat = np.array((1.0, 0.0, 0.0, 0.0)) if body.quat is None else np.asarray(body.quat)
     turn = np.zeros(4)
     turn[0], turn["xyz".index(axis) + 1] = np.cos(angle / 2), np.sin(angle / 2)
@@ -145,7 +145,7 @@ def _turn(body: Element, axis: str, angle: float) -> None:
 
 
 def _name_joints(model: Element) -> None:
-    """Gives the kept joints their readable names and the constants that every joint shares."""
+    """Give the kept joints their readable names and the constants that every joint shares."""
     for name, source in JOINT_SOURCES.items():
         joint = model.find("joint", source)
         joint.name = name
@@ -154,7 +154,7 @@ def _name_joints(model: Element) -> None:
 
 
 def _paint(model: Element, shirt: tuple[float, ...], skin: tuple[float, ...]) -> None:
-    """Colours the geoms and gives the head a face, so that one sees where it looks."""
+    """Colour the geoms and give the head a face that shows where it looks."""
     for geom in model.find_all("geom"):
         geom.rgba = shirt if geom.parent.name in DRESSED else skin
         geom.material = None
@@ -181,9 +181,9 @@ def _paint(model: Element, shirt: tuple[float, ...], skin: tuple[float, ...]) ->
 
 
 def _collide(model: Element) -> None:
-    """Forearms meet furniture, bodies and one another; the rest of a body meets forearms.
+    """Let forearms collide with furniture, bodies and one another, and bodies with forearms.
 
-    Neighbours overlap by design. Hands, and what is only drawn, meet nothing.
+    Neighbours overlap by design. Hands, and geoms that are only drawn, collide with nothing.
     """
     for geom in model.find_all("geom"):
         body = geom.parent.name
@@ -198,7 +198,7 @@ def _collide(model: Element) -> None:
 
 
 def _add_sites(model: Element) -> None:
-    """Adds the points that the scene asks for: wrist, grip and mouth."""
+    """Add the sites that the scene uses: wrist, grip and mouth."""
     for name, body, pos in (
         ("wrist", "rwrist", (0.0, 0.0, 0.0)),
         ("grip", "rhand", GRIP_POS),

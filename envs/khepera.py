@@ -1,7 +1,7 @@
 """A Khepera-like robot in MuJoCo's XML: a disc with two wheels and six infra-red sensors in front.
 
-It moves on planar joints. Velocity servos act at the two points where wheels touch the floor and
-one holds it against sliding sideways: two real wheel speeds as controls, without rolling contacts.
+It moves on planar joints. Velocity servos act at the two points where wheels touch the floor, and
+one prevents sideways sliding. The controls are two wheel speeds, without rolling contacts.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ HEIGHT = 0.03  # [m]
 MASS = 0.08  # [kg]
 WHEEL_BASE = 0.053  # [m] between the wheels
 MAX_WHEEL_SPEED = 0.12  # [m/s]
-SERVO_GAIN = 20.0  # [N s/m] reaches a speed within 2 ms, and gives way sideways by under 1 %
+SERVO_GAIN = 20.0  # [N s/m] reaches a speed within 2 ms, with less than 1 % sideways slip
 
 INFRARED_NAMES = ("left_90", "left_45", "left_12", "right_12", "right_45", "right_90")
-INFRARED_ANGLES = np.deg2rad([90.0, 45.0, 12.0, -12.0, -45.0, -90.0])  # from straight ahead, left +
+INFRARED_ANGLES = np.deg2rad([90.0, 45.0, 12.0, -12.0, -45.0, -90.0])  # positive to the left
 RAY_ANGLES = np.deg2rad([-15.0, 0.0, 15.0])  # of the rays of one sensor, averaged
 REACH = 0.07  # [m] beyond which a sensor reads nothing
 HALF_RESPONSE, LENGTH = 0.03, 0.010  # [m] of the sigmoid response to distance
@@ -29,7 +29,7 @@ BODY_COLOURS = {"learner": "0.85 0.37 0.0 1", "teacher": "0.0 0.45 0.70 1"}
 
 
 def add_robot(world: Element, actuators: Element, sensors: Element, name: str) -> None:
-    """Adds a robot to a model's worldbody, actuator and sensor sections.
+    """Add a robot to a model's worldbody, actuator and sensor sections.
 
     Args:
         world: `<worldbody>`.
@@ -51,13 +51,13 @@ def add_robot(world: Element, actuators: Element, sensors: Element, name: str) -
 
 
 def infrared(distances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Noiseless readings of the sensors.
+    """Return the noiseless readings of the sensors.
 
     Args:
-        distances: of each ray from the rim to what it hits (6, 3) [m]; negative for nothing.
+        distances: Of each ray from the rim to what it hits `[6, 3]` [m]; negative for nothing.
 
     Returns:
-        Readings (6,) from 0, nothing within reach, to 1, contact.
+        Readings `[6]` from 0, nothing within reach, to 1, contact.
     """
     seen = (distances >= 0) & (distances <= REACH)
     response = 1 / (1 + np.exp((distances - HALF_RESPONSE) / LENGTH))
@@ -66,11 +66,11 @@ def infrared(distances: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def wheel_speeds(speed: float, turn: float) -> NDArray[np.float64]:
-    """Speeds of the left and the right wheel (2,) [m/s].
+    """Return the speeds of the left and the right wheel `[2]` [m/s].
 
     Args:
-        speed: forwards [m/s].
-        turn: to the left [rad/s].
+        speed: Forwards [m/s].
+        turn: To the left [rad/s].
     """
     return np.array([speed - turn * WHEEL_BASE / 2, speed + turn * WHEEL_BASE / 2])
 

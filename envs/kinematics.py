@@ -14,23 +14,23 @@ from envs import humanoid
 from envs.humanoid import JOINTS
 
 RIGHT_ARM = tuple(i for i, name in enumerate(JOINTS) if name.startswith("right"))
-POSTURE_WEIGHT = 0.01  # [m/rad] pull towards the start posture; settles what the task leaves free
+POSTURE_WEIGHT = 0.01  # [m/rad] pull towards the start posture, for the redundant joints
 
 
 class BodyPose(NamedTuple):
-    """Where a posture puts what the scene asks for."""
+    """Points of a body in a posture."""
 
-    wrist: np.ndarray  # (3,) [m]
-    grip: np.ndarray  # (3,) [m]
-    mouth: np.ndarray  # (3,) [m]
-    hand: np.ndarray  # (3, 3) rotation of the right hand
+    wrist: np.ndarray  # [3] [m]
+    grip: np.ndarray  # [3] [m]
+    mouth: np.ndarray  # [3] [m]
+    hand: np.ndarray  # [3, 3] rotation of the right hand
 
 
 class BodyKinematics:
     """One humanoid without a scene, posed by its 11 joint angles."""
 
     def __init__(self) -> None:
-        """Compiles the body."""
+        """Compile the body."""
         body = humanoid.build_humanoid("body", (0, 0, 0, 1), (0, 0, 0, 1))
         body.compiler.fusestatic = True
         self._model = MjModel.from_xml_string(body.to_xml_string())
@@ -38,13 +38,13 @@ class BodyKinematics:
         joints = [self._model.joint(name) for name in JOINTS]
         self._address = np.array([joint.qposadr[0] for joint in joints])
         self._sites = [self._model.site(name).id for name in ("wrist", "grip", "mouth")]
-        self.joint_range = np.array([joint.range for joint in joints])  # (11, 2) [rad]
+        self.joint_range = np.array([joint.range for joint in joints])  # [11, 2] [rad]
 
     def pose(self, angles: np.ndarray) -> BodyPose:
-        """Poses the body.
+        """Return the body's points in a posture.
 
         Args:
-            angles: joint angles (11,) [rad].
+            angles: Joint angles `[11]` [rad].
 
         Returns:
             Positions [m] and the hand's rotation, as copies.
@@ -57,14 +57,14 @@ class BodyKinematics:
         )
 
     def solve(self, start: np.ndarray, error: Callable[[BodyPose], np.ndarray]) -> np.ndarray:
-        """Finds the right arm's angles that make `error` small; the other joints stay.
+        """Return right-arm angles that minimise `error`; the other joints stay as they are.
 
         Args:
-            start: posture to begin at (11,) [rad].
-            error: residuals [m] of a pose; what is an angle comes weighted by a length.
+            start: Posture to begin at `[11]` [rad].
+            error: Residuals [m] of a pose; angles are weighted by a length.
 
         Returns:
-            The posture (11,) [rad], within the joint ranges.
+            The posture `[11]` [rad], within the joint ranges.
         """
         arm = list(RIGHT_ARM)
         low, high = self.joint_range[arm].T

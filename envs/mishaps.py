@@ -13,20 +13,20 @@ MISHAPS = ("tremor", "interrupted", "miss")
 
 TREMOR_AMPLITUDE = (0.10, 0.15)  # [rad] of each joint of the right arm
 TREMOR_FREQUENCY = (4.0, 6.0)  # [Hz]
-INTERRUPTION = (0.3, 0.6)  # share of the way from above the table at which the hand turns back
+INTERRUPTION = (0.3, 0.6)  # share of the way at which the hand turns back
 MISS_DISTANCE = (0.06, 0.08)  # [m] beside the glass
 
 
 def tremble(angles: np.ndarray, joint_range: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Lays a tremor of one frequency over the right arm.
+    """Add a tremor of one frequency to the right arm.
 
     Args:
-        angles: planned ones (T, 11) [rad], at `CONTROL_TIMESTEP`.
-        joint_range: (11, 2) [rad].
-        rng: decides frequency, and each joint's amplitude and phase.
+        angles: As planned `[T, 11]` [rad], at `CONTROL_TIMESTEP`.
+        joint_range: `[11, 2]` [rad].
+        rng: Decides frequency, and each joint's amplitude and phase.
 
     Returns:
-        The trembling angles (T, 11) [rad], within the joint ranges.
+        The trembling angles `[T, 11]` [rad], within the joint ranges.
     """
     amplitude = rng.uniform(*TREMOR_AMPLITUDE, size=len(RIGHT_ARM))
     phase = rng.uniform(0, 2 * np.pi, size=len(RIGHT_ARM))
@@ -40,12 +40,12 @@ def tremble(angles: np.ndarray, joint_range: np.ndarray, rng: np.random.Generato
 def interrupt(
     postures: dict[str, np.ndarray], schedule: tuple[Movement, ...], rng: np.random.Generator
 ) -> tuple[dict[str, np.ndarray], tuple[Movement, ...]]:
-    """Breaks the first movement with the glass off: it is put back, and the behaviour ends.
+    """Interrupt the first movement with the glass: it is put back, and the behaviour ends.
 
     Args:
-        postures: name -> posture (11,) [rad].
-        schedule: of the whole behaviour.
-        rng: decides how far the glass gets.
+        postures: Name -> posture `[11]` [rad].
+        schedule: Of the whole behaviour.
+        rng: Decides how far the glass gets.
 
     Returns:
         Postures and schedule with the interruption.
@@ -55,27 +55,27 @@ def interrupt(
     phase, (start, above, goal), duration = schedule[taken]
     way = postures[goal] - postures[above]
     turning = postures[above] + rng.uniform(*INTERRUPTION) * way
-    # Wherever the glass was to be put down, it is its old place.
+    # The glass is put down at its old place, whatever the goal was.
     put_down = schedule[released].via[0]
-    broken_off = (
+    interrupted = (
         Movement(phase, (start, above, "turning"), duration),
         Movement("put", ("turning", above, put_down), duration),
     )
     return (
         {**postures, "turning": turning, put_down: postures["put"]},
-        (*schedule[:taken], *broken_off, *schedule[released:]),
+        (*schedule[:taken], *interrupted, *schedule[released:]),
     )
 
 
 def beside(glass_place: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A place beside the glass, short of it or to its right, whence the hand comes.
+    """Return a place beside the glass, before it or to its right, where the hand comes from.
 
     Args:
-        glass_place: (2,) [m], body frame.
-        rng: decides distance and direction.
+        glass_place: `[2]` [m], body frame.
+        rng: Decides distance and direction.
 
     Returns:
-        The place (2,) [m], where a hand finds nothing.
+        The place `[2]` [m], where a hand finds nothing.
     """
     distance = rng.uniform(*MISS_DISTANCE)
     direction = rng.uniform(np.pi, 1.5 * np.pi)  # [rad] from forwards, to the left

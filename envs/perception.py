@@ -1,4 +1,4 @@
-"""What the imitator perceives of the demonstrator and its glass, and of itself: 28 + 22 numbers."""
+"""The imitator's percepts of the demonstrator and its glass, and of itself: 28 + 22 numbers."""
 
 import numpy as np
 from gymnasium.spaces import Box, Dict
@@ -18,31 +18,31 @@ MAX_DISTANCE = 2.0  # [m] of a perceived glass from the body, per axis
 
 
 def percept(observation: dict[str, np.ndarray]) -> np.ndarray:
-    """What the imitator's attention sees: demonstrator and glass.
+    """Return what the imitator's attention perceives: demonstrator and glass.
 
     Args:
-        observation: of this environment.
+        observation: Of this environment.
 
     Returns:
-        Angles [rad], velocities [rad/s], the glass's position [m] and rotation [rad] (28,) float32.
+        Angles [rad], velocities [rad/s], the glass's position [m] and rotation [rad], `[28]`.
     """
     return np.concatenate([observation["demonstrator"], observation["glass"]])
 
 
 def noise_std() -> np.ndarray:
-    """Standard deviations (50,) in the order of the observation's entries."""
+    """Return the standard deviations `[50]` of the observation's entries, in their order."""
     own = np.repeat((ANGLE_NOISE, VELOCITY_NOISE), len(JOINTS))
     return np.concatenate([own, np.repeat((POSITION_NOISE, ANGLE_NOISE), 3), own])
 
 
 def observation_space(joint_range: np.ndarray) -> tuple[Dict, np.ndarray, np.ndarray]:
-    """Bounds of what is perceived.
+    """Return the bounds of the percepts.
 
     Args:
-        joint_range: of the 11 joints (11, 2) [rad].
+        joint_range: Of the 11 joints `[11, 2]` [rad].
 
     Returns:
-        The space, and all its lower and all its upper bounds (50,) in the order of its entries.
+        The space, and all lower and all upper bounds `[50]` in the order of its entries.
     """
     speed = np.full(len(JOINTS), MAX_VELOCITY)
     low = np.concatenate([joint_range[:, 0] - ANGLE_MARGIN, -speed]).astype(np.float32)
@@ -59,9 +59,9 @@ def observation_space(joint_range: np.ndarray) -> tuple[Dict, np.ndarray, np.nda
 
 
 def tilt_vector(axis: np.ndarray) -> np.ndarray:
-    """Rotation vector (3,) [rad] that takes the vertical to `axis` (3,) by the shortest way."""
+    """Return the shortest rotation vector `[3]` [rad] from the vertical to `axis` `[3]`."""
     x, y, z = axis.tolist()
-    sine = abs(complex(x, y))  # as np.hypot, which takes six times as long
+    sine = abs(complex(x, y))  # equal to np.hypot, but six times faster
     angle = float(np.arctan2(sine, z))
     if sine < 1e-9:
         return np.array([angle, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""The simulated scene behind named queries, for both bodies at once, each in its own frame.
+"""The simulated scene with named queries, for both bodies at once, each in its own frame.
 
 Row 0 is the demonstrator, row 1 the imitator. A body frame has its origin at the pelvis, x
 forwards, y to the left, z up. Indices are looked up once; no Python runs in the substeps.
@@ -28,24 +28,24 @@ from envs.scene import (
 )
 from envs.substeps import run_substeps
 
-SMOOTHING = 0.25  # per control step, of the velocity by which a hand decides
+SMOOTHING = 0.25  # per control step, of the velocity that decides about a grip
 
 _ORIGIN = np.array([[-ROOT_DISTANCE / 2, 0, ROOT_HEIGHT], [ROOT_DISTANCE / 2, 0, ROOT_HEIGHT]])
 _FACING = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, 1.0]])  # half a turn about z is its own inverse
-# Thrice, for the three sites: numpy takes twice as long for shapes that differ.
+# Three times, for the three sites: numpy is twice as slow for different shapes.
 _ORIGINS, _FACINGS = np.stack([_ORIGIN] * 3), np.stack([_FACING] * 3)
 
 
 class SceneState(NamedTuple):
-    """What is true of both bodies and glasses at one instant, in their own body frames."""
+    """The state of both bodies and glasses, each in its own body frame."""
 
-    angles: np.ndarray  # (2, 11) [rad]
-    velocities: np.ndarray  # (2, 11) [rad/s] mean over the last control step
-    wrist: np.ndarray  # (2, 3) [m]
-    grip: np.ndarray  # (2, 3) [m]
-    mouth: np.ndarray  # (2, 3) [m]
-    glass: np.ndarray  # (2, 3) [m] the glass's middle
-    axis: np.ndarray  # (2, 3) the glass's axis, of length one
+    angles: np.ndarray  # [2, 11] [rad]
+    velocities: np.ndarray  # [2, 11] [rad/s] mean over the last control step
+    wrist: np.ndarray  # [2, 3] [m]
+    grip: np.ndarray  # [2, 3] [m]
+    mouth: np.ndarray  # [2, 3] [m]
+    glass: np.ndarray  # [2, 3] [m] the glass's middle
+    axis: np.ndarray  # [2, 3] the glass's axis, of length one
 
 
 class Physics(mujoco.Physics):
@@ -53,47 +53,47 @@ class Physics(mujoco.Physics):
 
     @classmethod
     def build(cls) -> "Physics":
-        """Compiles the scene."""
+        """Compile the scene."""
         model = scene.build_scene()
         physics = cls.from_xml_string(model.to_xml_string(), model.get_assets())
         physics._look_up()
         return physics
 
     def _look_up(self) -> None:
-        """Finds every index once, rows as in `WHO`."""
+        """Look up every index once, rows as in `WHO`."""
         model = self.model
 
         def ids(kind: str, *names: str) -> np.ndarray:
             return np.array([model.name2id(name, kind) for name in names])
 
         joints = ids("joint", *(f"{who}/{joint}" for who in WHO for joint in JOINTS))
-        self.angle_at = model.jnt_qposadr[joints].reshape(2, -1)  # (2, 11) into qpos
-        self.velocity_at = model.jnt_dofadr[joints].reshape(2, -1)  # (2, 11) into qvel
+        self.angle_at = model.jnt_qposadr[joints].reshape(2, -1)  # [2, 11] into qpos
+        self.velocity_at = model.jnt_dofadr[joints].reshape(2, -1)  # [2, 11] into qvel
         self.camera = int(model.name2id(scene.CAMERA, "camera"))
-        self.joint_range = model.jnt_range[joints[: len(JOINTS)]].copy()  # (11, 2) [rad]
+        self.joint_range = model.jnt_range[joints[: len(JOINTS)]].copy()  # [11, 2] [rad]
         sites = ids("site", *(f"{who}/{s}" for s in ("wrist", "grip", "mouth") for who in WHO))
         self._forearms = ids("body", *(f"{who}/rradius" for who in WHO))
         self._glasses = ids("body", *(f"{who}_glass" for who in WHO))
         self._holds = ids("equality", *(f"{who}_grip" for who in WHO)).tolist()
         self._site_at = _flat(sites, 3, (0, 1, 2)).reshape(3, 2, 3)  # into site_xpos
-        self._centre_at = _flat(self._glasses, 3, (0, 1, 2))  # (2, 3) into xpos
-        self._axis_at = _flat(self._glasses, 9, (2, 5, 8))  # (2, 3) into xmat
+        self._centre_at = _flat(self._glasses, 3, (0, 1, 2))  # [2, 3] into xpos
+        self._axis_at = _flat(self._glasses, 9, (2, 5, 8))  # [2, 3] into xmat
         self._glass_at = model.jnt_qposadr[ids("joint", *(f"{who}_glass" for who in WHO))]
         self.grips = (Grip(), Grip())
 
     def begin(self, angles: np.ndarray, glass_place: np.ndarray) -> None:
-        """Starts an episode at rest, both glasses standing.
+        """Start an episode at rest, both glasses standing.
 
         Args:
-            angles: of both bodies (2, 11) [rad].
-            glass_place: where each body's glass stands in its own frame (2,) [m].
+            angles: Of both bodies `[2, 11]` [rad].
+            glass_place: Where each body's glass stands in its own frame `[2]` [m].
         """
         with self.reset_context():
             self.data.qpos[self.angle_at] = angles
             standing = np.array([*glass_place, GLASS_REST_Z]) * _FACING + _ORIGIN
             for address, position in zip(self._glass_at, standing, strict=True):
                 self.data.qpos[address : address + 3] = position
-        # The integral terms begin where they hold the arms against gravity.
+        # The integral terms start with values that hold the arms against gravity.
         load = self.data.qfrc_bias[self.velocity_at].ravel()
         self.data.act[:] = load / scene.integral_gains()
         self.grips = (Grip(), Grip())
@@ -101,10 +101,10 @@ class Physics(mujoco.Physics):
         self.scene_state = self._read(angles)
 
     def advance(self, targets: Sequence[np.ndarray]) -> None:
-        """Runs one control step of `CONTROL_TIMESTEP`.
+        """Run one control step of `CONTROL_TIMESTEP`.
 
         Args:
-            targets: joint angles of each body (11,) [rad].
+            targets: Joint angles of each body `[11]` [rad].
         """
         np.concatenate(targets, out=self.data.ctrl)
         run_substeps(self, N_SUBSTEPS)
@@ -112,12 +112,12 @@ class Physics(mujoco.Physics):
         self._update_grips(before)
 
     def release(self, row: int) -> None:
-        """Makes a hand let go of its glass."""
+        """Make a hand let go of its glass."""
         self.grips[row].release()
         self.data.eq_active[self._holds[row]] = 0
 
     def _read(self, before: np.ndarray) -> SceneState:
-        """Reads the state, `before` being the angles one control step ago; no array is shared."""
+        """Return the state; `before` are the angles one control step ago. No array is shared."""
         data = self.data.ptr
         sites = (data.site_xpos.take(self._site_at) - _ORIGINS) * _FACINGS
         glass = (data.xpos.take(self._centre_at) - _ORIGIN) * _FACING
@@ -127,10 +127,10 @@ class Physics(mujoco.Physics):
         return SceneState(angles, velocities, sites[0], sites[1], sites[2], glass, axis)
 
     def _update_grips(self, before: SceneState) -> None:
-        """Lets each hand take hold or let go, from how grip and glass stand and have moved."""
+        """Let each hand take hold or let go, by the positions and velocities of grip and glass."""
         now = self.scene_state
         self._smooth(before, now)
-        # From here on lists: numpy takes longer for three numbers.
+        # Lists from here on: numpy is slower for three numbers.
         reach, axes = (now.grip - now.glass).tolist(), now.axis.tolist()
         velocities, heights = self._velocity.tolist(), now.glass[:, 2].tolist()
         slips = self._slips()
@@ -147,7 +147,7 @@ class Physics(mujoco.Physics):
             self.data.eq_active[hold] = grip.held
 
     def _smooth(self, before: SceneState, now: SceneState) -> None:
-        """Follows the velocities: of a held glass, else of the grip relative to the glass."""
+        """Smooth the velocities: of a held glass, else of the grip relative to the glass."""
         carried = now.glass - before.glass
         moved = now.grip - before.grip - carried
         for row, grip in enumerate(self.grips):
@@ -156,7 +156,7 @@ class Physics(mujoco.Physics):
         self._velocity += SMOOTHING * (moved / CONTROL_TIMESTEP - self._velocity)
 
     def _weld(self, row: int) -> None:
-        """Fixes the glass in the hand as they stand to one another now."""
+        """Fix the glass in the hand at their current relative pose."""
         data, arm, glass = self.data, self._forearms[row], self._glasses[row]
         inverse, turn = np.empty(4), np.empty(4)
         mju_negQuat(inverse, data.xquat[arm])
@@ -166,7 +166,7 @@ class Physics(mujoco.Physics):
         self.model.eq_data[self._holds[row], :10] = (0.0, 0.0, 0.0, *offset, *turn)
 
     def _slips(self) -> dict[int, float]:
-        """How far each held glass is from where it was taken [m], by weld, whose error it is."""
+        """Return weld -> distance of a held glass from where it was taken [m], the weld's error."""
         data = self.data.ptr
         welds = data.efc_id[: data.ne : 6].tolist()
         errors = data.efc_pos[: data.ne].tolist()  # of each weld along three axes [m], then turns
@@ -174,17 +174,17 @@ class Physics(mujoco.Physics):
 
 
 def _flat(rows: np.ndarray, width: int, columns: tuple[int, ...]) -> np.ndarray:
-    """Where some columns of some rows (R,) stand in a raveled array of that width (R, C)."""
+    """Return indices `[R, C]` of columns of rows `[R]` in a flattened array of that width."""
     return width * rows[:, None] + np.array(columns)
 
 
 def _distance_to_stretch(reach: list[float], axis: list[float]) -> float:
-    """Distance [m] of a grip, `reach` from the glass's middle, from where it can be taken."""
+    """Return the distance [m] of a grip, `reach` from the glass, from where it fits a hand."""
     along = reach[0] * axis[0] + reach[1] * axis[1] + reach[2] * axis[2]
     nearest = min(max(along, GRIP_HEIGHT - GRIP_STRETCH), GRIP_HEIGHT + GRIP_STRETCH)
     return math.dist(reach, [nearest * a for a in axis])
 
 
 def _bottom(height: float, axis: list[float]) -> float:
-    """Height [m] above the table of the middle of a glass's bottom, `height` that of the glass."""
+    """Return the height [m] of a glass's bottom above the table, from that of its middle."""
     return height - axis[2] * GLASS_HEIGHT / 2 - (GLASS_REST_Z - GLASS_HEIGHT / 2)

@@ -8,31 +8,31 @@ class Pinhole:
     """A perspective camera and a picture of a given size.
 
     Args:
-        physics: the compiled scene in its current state.
-        camera: its name.
-        height: of the picture [pixels].
-        width: of the picture [pixels].
+        physics: The compiled scene in its current state.
+        camera: Its name.
+        height: Of the picture [pixels].
+        width: Of the picture [pixels].
     """
 
     def __init__(self, physics: mujoco.Physics, camera: str, height: int, width: int) -> None:
         index = physics.model.name2id(camera, "camera")
-        self.position = physics.data.cam_xpos[index].copy()  # (3,) [m]
+        self.position = physics.data.cam_xpos[index].copy()  # [3] [m]
         self._axes = physics.data.cam_xmat[index].reshape(3, 3).copy()  # columns: right, up, back
         self._focal = height / 2 / np.tan(np.deg2rad(physics.model.cam_fovy[index]) / 2)
         self._centre = np.array([width / 2, height / 2])
         self._size = (height, width)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Distance (N,) [m] of points (N, 3) along the line of sight."""
+        """Return the distances `[N]` [m] of points `[N, 3]` along the line of sight."""
         return -(points - self.position) @ self._axes[:, 2]
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Pixels (N, 2), column and row, of points (N, 3) [m] in front of the camera."""
+        """Return pixels `[N, 2]`, column and row, of points `[N, 3]` [m] in front of the camera."""
         seen = (points - self.position) @ self._axes
         return self._centre + self._focal * seen[:, :2] * (1, -1) / -seen[:, 2:]
 
     def lines_of_sight(self) -> np.ndarray:
-        """Directions of length one from the camera through the middle of each pixel (H, W, 3)."""
+        """Return unit vectors from the camera through the middle of each pixel `[H, W, 3]`."""
         height, width = self._size
         columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         right, down = columns - self._centre[0], rows - self._centre[1]

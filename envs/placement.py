@@ -1,4 +1,4 @@
-"""Where robots begin: in the open, one behind another in the open, or beside a wall."""
+"""Initial poses of robots: in the open, one behind another in the open, or beside a wall."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from envs.arena import Arena
 from envs.khepera import RADIUS
 from envs.wall_behaviours import GAP, WALL_DISTANCE, Side
 
-OPEN_CLEARANCE = 0.06  # [m] from the rim to the nearest wall of a robot in the open
-_TOLERANCE = 0.006  # [m] by which a robot beside a wall may be nearer or farther
+OPEN_CLEARANCE = 0.06  # [m] least distance from the rim to the nearest wall in the open
+_TOLERANCE = 0.006  # [m] on the distance of a robot beside a wall
 _APPROACH, _GRAZING = 0.07, math.radians(25)  # [m] [rad] of a robot that will meet a wall
 _TRIES = 100_000
 
 
 def open_pose(arena: Arena, rng: np.random.Generator) -> NDArray[np.float64]:
-    """A pose away from walls (3,) [m, m, rad].
+    """Return a pose away from walls `[3]` [m, m, rad].
 
     Args:
-        arena: where.
-        rng: of place and heading.
+        arena: To place them in.
+        rng: Of place and heading.
     """
     for _ in range(_TRIES):
         place = rng.uniform(-0.5, 0.5, size=2) * arena.size
@@ -32,14 +32,14 @@ def open_pose(arena: Arena, rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def following_poses(arena: Arena, rng: np.random.Generator, side: Side) -> NDArray[np.float64]:
-    """Poses in the open of a robot and of another straight ahead of it, (2, 3) [m, m, rad].
+    """Return poses of a robot and of another straight ahead of it `[2, 3]` [m, m, rad].
 
-    Both are on the way to a wall, which they will meet on the wanted side.
+    Both are in the open, on the way to a wall that they will meet on the given side.
 
     Args:
-        arena: where.
-        rng: of the place along the walls.
-        side: on which they will meet the wall.
+        arena: To place them in.
+        rng: Of the place along the walls.
+        side: Of the wall that they will meet.
     """
     for _ in range(_TRIES):
         x, y, turn = wall_pose(arena, rng, side, _APPROACH / math.tan(_GRAZING))
@@ -54,15 +54,15 @@ def following_poses(arena: Arena, rng: np.random.Generator, side: Side) -> NDArr
 
 
 def wall_pose(
-    arena: Arena, rng: np.random.Generator, side: Side, room: float = 0.06
+    arena: Arena, rng: np.random.Generator, side: Side, length: float = 0.06
 ) -> NDArray[np.float64]:
-    """A pose along a wall, at the distance that a wall follower keeps (3,) [m, m, rad].
+    """Return a pose along a wall, at a wall follower's distance `[3]` [m, m, rad].
 
     Args:
-        arena: where.
-        rng: of the place along the walls.
-        side: of the wall, as the robot sees it.
-        room: for how far ahead the wall goes on [m].
+        arena: To place them in.
+        rng: Of the place along the walls.
+        side: Of the wall, as the robot sees it.
+        length: Length for which the wall continues ahead [m].
     """
     outlines = [obstacle.outline for obstacle in arena.obstacles]
     distance = RADIUS + WALL_DISTANCE
@@ -73,7 +73,7 @@ def wall_pose(
         along /= np.linalg.norm(along)
         outwards = np.array([along[1], -along[0]])  # outlines run anticlockwise
         heading = along if side == "left" else -along
-        way = _way(outline[start] + distance * outwards, heading, room)
+        way = _way(outline[start] + distance * outwards, heading, length)
         if (np.abs(arena.clearance(way) - distance) <= _TOLERANCE).all():
             return np.array([*way[0], math.atan2(heading[1], heading[0])])
     raise AssertionError(f"no way along a wall in {arena}")
@@ -82,5 +82,5 @@ def wall_pose(
 def _way(
     start: NDArray[np.float64], heading: NDArray[np.float64], length: float
 ) -> NDArray[np.float64]:
-    """Ten places on a straight way (10, 2) [m]."""
+    """Return ten places on a straight way `[10, 2]` [m]."""
     return start + np.linspace(0, length, 10)[:, None] * heading

@@ -1,4 +1,4 @@
-"""What the environment of Experiment 1 accepts as arguments, options and actions."""
+"""Checks of the arguments, options and actions of the environment of Experiment 1."""
 
 import math
 from typing import Any, NamedTuple
@@ -12,16 +12,16 @@ from envs.scene import MAX_HEIGHT, MAX_WIDTH
 
 
 class ResetOptions(NamedTuple):
-    """What is out of the ordinary in an episode."""
+    """The optional settings of an episode."""
 
     mishap: str | None  # of MISHAPS
-    glass_offset: np.ndarray  # (2,) [m] of both glasses from their place, in each body's frame
+    glass_offset: np.ndarray  # [2] [m] of both glasses from their place, in each body's frame
 
 
 def check_arguments(
     render_mode: str | None, pace: float, noise_scale: float, width: int, height: int
 ) -> None:
-    """Refuses what the environment cannot be built with."""
+    """Refuse invalid arguments of the environment."""
     if render_mode not in (None, "rgb_array"):
         raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
     if not 0.1 <= pace <= 10:
@@ -35,13 +35,13 @@ def check_arguments(
 
 
 def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    """Refuses what is not one of the choices."""
+    """Refuse a value that is not one of the choices."""
     if value not in choices:
         raise ValueError(f"{name} must be one of {choices}, got {value!r}")
 
 
 def checked_options(options: dict[str, Any] | None) -> ResetOptions:
-    """What the options of a reset ask for; without them nothing out of the ordinary."""
+    """Return the options of a reset; the defaults are an ordinary episode."""
     given = options or {}
     if not set(given) <= set(ResetOptions._fields):
         raise ValueError(
@@ -55,7 +55,7 @@ def checked_options(options: dict[str, Any] | None) -> ResetOptions:
 
 
 def checked_joints(name: str, value: np.ndarray) -> np.ndarray:
-    """The value as float64 (11,), or a ValueError."""
+    """Return the value as float64 `[11]`, or raise a ValueError."""
     expected = f"{name} must be {len(JOINTS)} finite numbers"
     try:
         numbers = np.asarray(value, dtype=np.float64)

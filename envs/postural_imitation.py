@@ -36,10 +36,10 @@ from envs.postural_arguments import (
 from envs.scene import GLASS_PLACE, IMITATOR, WHO
 from envs.task import Deeds, final_place, measure
 
-GLASS_SPREAD = 0.01  # [m] the glass stands within this of its nominal place, in x and in y
+GLASS_SPREAD = 0.01  # [m] largest offset of the glass from its nominal place, in x and in y
 __all__ = ["GLASS_NAMES", "STATE_NAMES", "PosturalImitationEnv", "percept"]
 
-SLACK = 1e-6  # by which rounding may take an action out of [-1, 1]
+SLACK = 1e-6  # for rounding errors of actions in [-1, 1]
 REWARD_DISTANCE = 0.1  # [m] between the wrists at which the reward is 1/e
 
 
@@ -50,25 +50,25 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     when the glass, lifted before, is back on the table and slow.
 
     The demonstrator shows one behaviour. ``drink``: it takes its glass to the mouth, drinks and
-    puts it back. ``toast``: likewise, but first it raises the glass towards its opposite, and in
+    puts it back. ``toast``: the same, but it first raises the glass towards the other body, and at
     the end its hand stays beside the glass. ``move``: it puts the glass down elsewhere on the
     table. A mishap can spoil an episode: a ``tremor`` of the right arm, ``interrupted`` soon after
-    the glass was taken, or a ``miss``, when the hand closes beside the glass and goes on empty. The
-    glasses stand within 1 cm of their nominal place, or elsewhere if a reset says so.
-    ``info`` says whether demonstrator and imitator have done what the behaviour asks (`envs.task`).
+    the glass was taken, or a ``miss``: the hand closes beside the glass and continues empty. The
+    glasses stand within 1 cm of their nominal place, or elsewhere by an option of `reset`.
+    ``info`` says whether demonstrator and imitator have completed the behaviour (`envs.task`).
 
-    Action: targets of the imitator's joints (11,) in the order of `envs.humanoid.JOINTS`, as shares
-    of their ranges: -1 is a joint's lower limit, 1 its upper. `step_to` takes the angles themselves
-    [rad], in which `rest_posture` and `demonstrator_target` are.
+    Action: targets of the imitator's joints `[11]` in the order of `envs.humanoid.JOINTS`, as
+    shares of their ranges: -1 is a joint's lower limit, 1 its upper. `step_to` takes angles [rad]
+    instead, such as `rest_posture` and `demonstrator_target`.
 
-    Observation, noisy and clipped to its space: ``demonstrator`` (22,) angles [rad] and velocities
-    [rad/s], ``glass`` (6,) the demonstrator's glass in the demonstrator's body frame, position [m]
-    and rotation vector [rad] without the glass's turn about its own axis, ``proprioception`` (22,)
+    Observation, noisy and clipped to its space: ``demonstrator`` `[22]` angles [rad] and velocities
+    [rad/s], ``glass`` `[6]` the demonstrator's glass in the demonstrator's body frame, position [m]
+    and rotation vector [rad] without the glass's turn about its own axis, ``proprioception`` `[22]`
     the imitator's own angles and velocities.
 
     Reward: exp(-d / 0.1 m), d the distance between both wrists, each in its own body frame.
 
-    An episode is truncated at the end of the demonstration; it never terminates. Stepped further,
+    An episode is truncated at the end of the demonstration; it never terminates. In further steps
     the demonstrator rests.
     """
 
@@ -86,18 +86,18 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         height: int = 360,
         behaviour: str = "drink",
     ) -> None:
-        """Compiles the scene.
+        """Compile the scene.
 
         Args:
             render_mode: None or "rgb_array".
-            pace: of every demonstration; 1.25 is 25 % faster than taught.
-            noise_scale: factor on the perceptual noise; 0 perceives the truth.
-            width: of a rendered picture [pixels].
-            height: of a rendered picture [pixels].
+            pace: Of every demonstration; 1.25 is 25 % faster than nominal.
+            noise_scale: Factor on the perceptual noise; 0 for none.
+            width: Of a rendered picture [pixels].
+            height: Of a rendered picture [pixels].
             behaviour: "drink", "toast" or "move".
 
         Raises:
-            ValueError: an argument is out of its range.
+            ValueError: An argument is out of its range.
         """
         check_arguments(render_mode, pace, noise_scale, width, height)
         check_choice("behaviour", behaviour, tuple(BEHAVIOURS))
@@ -106,7 +106,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._behaviour = behaviour
         self._physics = Physics.build()
         self._kinematics = BodyKinematics()
-        self._noise = noise_scale * noise_std()  # (50,)
+        self._noise = noise_scale * noise_std()  # [50]
         self._low_angle, self._high_angle = self._physics.joint_range.T.copy()
         self._half_range = (self._high_angle - self._low_angle) / 2
         self.draws_with_gl = True  # until it fails
@@ -117,21 +117,21 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def demonstrator_target(self) -> np.ndarray:
-        """The joint angles that the demonstrator aims at in the coming step (11,) [rad]."""
+        """Return the demonstrator's target angles of the coming step `[11]` [rad]."""
         return self._plan.angles[min(self._step + 1, self.episode_steps)].copy()
 
     @property
     def episode_steps(self) -> int:
-        """Steps until the episode is truncated, from its beginning."""
+        """Return the number of steps of the whole episode."""
         return len(self._plan.angles) - 1
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Plans a demonstration and starts at rest.
+        """Plan a demonstration and start at rest.
 
         Args:
-            seed: decides the plan, the glasses' place and the noise.
+            seed: Decides the plan, the glasses' place and the noise.
             options: ``mishap`` is "tremor", "interrupted" or "miss"; without it nothing goes wrong.
                 ``glass_offset`` (dx, dy) [m], forwards and to the left of each body, puts both
                 glasses elsewhere, at most 0.16 m away.
@@ -140,7 +140,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             Observation and info.
 
         Raises:
-            ValueError: an option or a mishap is not known, or the glasses cannot stand there;
+            ValueError: An option or a mishap is not known, or the glasses cannot stand there;
                 nothing has changed.
         """
         mishap, glass_offset = checked_options(options)
@@ -164,17 +164,17 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     def step(
         self, action: np.ndarray
     ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Runs one control step of 20 ms.
+        """Run one control step of 20 ms.
 
         Args:
-            action: the imitator's targets as shares of the joint ranges (11,), within [-1, 1].
+            action: The imitator's targets as shares of the joint ranges `[11]`, within [-1, 1].
 
         Returns:
             Observation, reward, terminated (False), truncated, info.
 
         Raises:
-            ValueError: the action is not 11 finite numbers within [-1, 1]; nothing has moved.
-            ResetNeeded: the environment was never reset.
+            ValueError: The action is not 11 finite numbers within [-1, 1]; nothing has moved.
+            ResetNeeded: The environment was never reset.
         """
         shares = checked_joints("action", action)
         if max(map(abs, shares.tolist())) > 1 + SLACK:
@@ -187,24 +187,24 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     def step_to(
         self, angles: np.ndarray
     ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Runs one control step of 20 ms, as `step`, towards joint angles.
+        """Run one control step of 20 ms, as `step`, towards joint angles.
 
         Args:
-            angles: the imitator's targets (11,) [rad]; clipped to the joint ranges.
+            angles: The imitator's targets `[11]` [rad]; clipped to the joint ranges.
 
         Returns:
             Observation, reward, terminated (False), truncated, info.
 
         Raises:
-            ValueError: the angles are not 11 finite numbers; nothing has moved.
-            ResetNeeded: the environment was never reset.
+            ValueError: The angles are not 11 finite numbers; nothing has moved.
+            ResetNeeded: The environment was never reset.
         """
         return self._advance(checked_joints("angles", angles))
 
     def _advance(
         self, wanted: np.ndarray
     ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Runs one control step towards joint angles (11,) [rad], clipped to the joint ranges."""
+        """Run one control step towards joint angles `[11]` [rad], clipped to the joint ranges."""
         wanted = np.minimum(np.maximum(wanted, self._low_angle), self._high_angle)
         self._physics.advance((self.demonstrator_target, wanted))
         self._step += 1
@@ -215,7 +215,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._observe(), reward, False, truncated, self._describe()
 
     def release(self, who: str = IMITATOR) -> None:
-        """Makes a hand let go of its glass, wherever it is.
+        """Let a hand let go of its glass, wherever it is.
 
         Args:
             who: "demonstrator" or "imitator".
@@ -228,13 +228,13 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._physics.release(WHO.index(who))
 
     def render(self) -> np.ndarray | None:
-        """Draws both bodies from the side, with Pillow where OpenGL cannot be had.
+        """Draw both bodies from the side, with Pillow if OpenGL is not available.
 
         Returns:
-            A picture (height, width, 3) uint8, or None without a render mode.
+            A picture `[height, width, 3]` uint8, or None without a render mode.
 
         Raises:
-            ResetNeeded: the environment was never reset.
+            ResetNeeded: The environment was never reset.
         """
         if self.render_mode is None:
             return None
@@ -247,18 +247,18 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return draw_scene(self._physics, *self._size)
 
     def close(self) -> None:
-        """Frees the simulation and its OpenGL context."""
+        """Free the simulation and its OpenGL context."""
         self._physics.free()
 
     @property
     def _plan(self) -> Demonstration:
-        """The demonstration of this episode, or ResetNeeded."""
+        """Return the demonstration of this episode, or raise ResetNeeded."""
         if self._demonstration is None:
             raise ResetNeeded("expected a call of reset first, the environment was never reset")
         return self._demonstration
 
     def _observe(self) -> dict[str, np.ndarray]:
-        """Perceives the state with noise, as float32 within the space."""
+        """Return noisy percepts of the state, as float32 within the space."""
         state = self._physics.scene_state
         truth = np.concatenate(
             (
@@ -279,7 +279,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         }
 
     def _describe(self) -> dict[str, Any]:
-        """The truth behind the observation, and the task's measures."""
+        """Return the true state and the task's measures."""
         state = self._physics.scene_state
         measures = [
             measure(state.mouth[row], state.glass[row], state.axis[row], self._final_place)

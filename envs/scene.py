@@ -1,7 +1,7 @@
-"""The scene of Experiment 1: two humanoids face to face at a table, each with a glass of its own.
+"""The scene of Experiment 1: two humanoids face to face at a table, each with its own glass.
 
-The scene is point-mirrored about the vertical through the table's centre, so that in each body's
-own frame (origin at its pelvis, x forwards, z up) everything stands alike.
+The scene is symmetric about the vertical through the table's centre, so it is the same in each
+body's own frame (origin at its pelvis, x forwards, z up).
 """
 
 import numpy as np
@@ -22,8 +22,8 @@ GLASS_PLACE = (0.50, -0.07)  # [m] nominal place, in the body frame
 GLASS_RADIUS = 0.036  # [m]
 GLASS_HEIGHT = 0.14  # [m]
 GLASS_MASS = 0.35  # [kg]
-GRIP_HEIGHT = 0.005  # [m] where a hand best takes the glass, above its middle
-GRIP_STRETCH = 0.02  # [m] above and below that, where it still can
+GRIP_HEIGHT = 0.005  # [m] above the glass's middle, where a hand takes it
+GRIP_STRETCH = 0.02  # [m] above and below that, where a hand can take it too
 GLASS_REST_Z = TABLE_TOP + GLASS_HEIGHT / 2 - ROOT_HEIGHT  # [m] standing glass, body frame
 
 SHIRTS = {DEMONSTRATOR: (0.16, 0.38, 0.62, 1.0), IMITATOR: (0.80, 0.33, 0.20, 1.0)}
@@ -49,7 +49,7 @@ _NO_CONTACT = {"contype": 0, "conaffinity": 0}
 
 
 def build_scene() -> Element:
-    """Builds the whole scene.
+    """Build the whole scene.
 
     Returns:
         A PyMJCF model; the elements of the two bodies are prefixed by ``demonstrator/`` and
@@ -70,13 +70,13 @@ def build_scene() -> Element:
 
 
 def _set_options(scene: Element) -> None:
-    """Sets the integrator, the solver and the pictures' size and quality."""
+    """Set the integrator, the solver and the size and quality of pictures."""
     scene.option.timestep = PHYSICS_TIMESTEP
     scene.option.integrator = "implicitfast"
     scene.option.cone = "elliptic"
     scene.compiler.angle = "radian"
-    scene.compiler.fusestatic = True  # welded parts become one body each: a third of the time
-    scene.visual.quality.shadowsize = 0  # shadows cost ten times in software
+    scene.compiler.fusestatic = True  # welded parts become one body: three times faster
+    scene.visual.quality.shadowsize = 0  # shadows are ten times slower in software
     scene.visual.headlight.set_attributes(
         ambient=(0.35, 0.35, 0.35), diffuse=(0.45, 0.45, 0.45), specular=(0.1, 0.1, 0.1)
     )
@@ -85,7 +85,7 @@ def _set_options(scene: Element) -> None:
 
 
 def _add_room(scene: Element) -> None:
-    """Adds the floor, the sky, a lamp and the camera."""
+    """Add the floor, the sky, a lamp and the camera."""
     scene.asset.add(
         "texture",
         name="sky",
@@ -125,7 +125,7 @@ def _add_room(scene: Element) -> None:
 
 
 def _add_table(scene: Element) -> None:
-    """Adds a table top on one column."""
+    """Add a table top on one column."""
     thickness = TABLE_HALF_SIZE[2]
     table = scene.worldbody.add("body", name="table", pos=(0, 0, TABLE_TOP - thickness))
     table.add(
@@ -152,7 +152,7 @@ def _add_table(scene: Element) -> None:
 
 
 def _add_seat(scene: Element, who: str, side: float) -> None:
-    """Adds the stool on which the waist-up body rests; nothing touches it."""
+    """Add the stool on which the waist-up body rests; nothing touches it."""
     top = ROOT_HEIGHT - 0.11
     seat = scene.worldbody.add("body", name=f"{who}_seat", pos=(side * ROOT_DISTANCE / 2, 0, 0))
     seat.add(
@@ -176,7 +176,7 @@ def _add_seat(scene: Element, who: str, side: float) -> None:
 
 
 def _place(scene: Element, who: str, side: float) -> Element:
-    """The site where a body is attached: at its seat, facing the table."""
+    """Return the site where a body is attached: at its seat, facing the table."""
     quat = (1, 0, 0, 0) if side < 0 else (0, 0, 0, 1)
     return scene.worldbody.add(
         "site",
@@ -188,7 +188,7 @@ def _place(scene: Element, who: str, side: float) -> Element:
 
 
 def _add_glass(scene: Element, who: str, side: float) -> None:
-    """Adds a free glass of beer; only furniture and the other glass collide with it."""
+    """Add a free glass of beer; only furniture and the other glass collide with it."""
     half = GLASS_HEIGHT / 2
     pos = (side * (ROOT_DISTANCE / 2 - GLASS_PLACE[0]), -side * GLASS_PLACE[1], TABLE_TOP + half)
     glass = scene.worldbody.add("body", name=f"{who}_glass", pos=pos)
@@ -201,7 +201,7 @@ def _add_glass(scene: Element, who: str, side: float) -> None:
         rgba=CLEAR,
         **_NO_CONTACT,
     )
-    # An inscribed octagon of contacts would be rounder; a box meets a box without iterations.
+    # Collides as a box: contacts of two boxes need no iterations.
     side_length = GLASS_RADIUS * 0.85
     glass.add(
         "geom",
@@ -237,7 +237,7 @@ def _add_glass(scene: Element, who: str, side: float) -> None:
 
 
 def _add_grip(scene: Element, who: str, body: Element) -> None:
-    """Adds the weld that stands for the closed hand; it is off until the hand takes hold."""
+    """Add the weld of the closed hand; it is off until the hand takes hold."""
     scene.equality.add(
         "weld",
         name=f"{who}_grip",
@@ -249,14 +249,14 @@ def _add_grip(scene: Element, who: str, body: Element) -> None:
 
 
 def integral_gains() -> np.ndarray:
-    """Integral gains (22,) [N m/(rad s)] in the order of the actuators."""
+    """Return the integral gains `[22]` [N m/(rad s)] in the order of the actuators."""
     return np.array(
         [humanoid.KI_PER_KP * humanoid.stiffness(j) for j in humanoid.JOINTS * len(WHO)]
     )
 
 
 def _add_actuators(scene: Element) -> None:
-    """Adds one PID per joint, fed with a target [rad], in the order (demonstrator, imitator)."""
+    """Add one PID per joint, fed with a target [rad], in the order (demonstrator, imitator)."""
     plugin = scene.extension.add("plugin", plugin="mujoco.pid")
     for kp in humanoid.KP.values():
         instance = plugin.add("instance", name=f"kp_{kp:g}")

@@ -1,8 +1,7 @@
-"""What robots can do unlearned: follow a wall, follow another robot, wander around obstacles.
+"""Built-in behaviours of robots: follow a wall, follow another robot, wander around obstacles.
 
-Each behaviour turns what it perceives into wheel speeds [m/s]. Maistros, Marom & Hayes (2001),
-Experiment 2: the teacher follows walls, the learner has a following behaviour built in and wanders
-where nothing better is known.
+Each behaviour turns percepts into wheel speeds [m/s]. Maistros, Marom & Hayes (2001), Experiment 2:
+the teacher follows walls; the learner can follow the teacher, and wanders by default.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ MAX_TURN = 1.8  # [rad/s]
 SIDE_TARGET, DIAGONAL_TARGET = 0.58, 0.2  # readings at ±90° and ±45° of a robot along a wall
 FRONT_LIMIT = 0.35  # reading at ±12° above which the teacher turns in place
 _SIDE_GAIN, _DIAGONAL_GAIN, _FRONT_GAIN = 2.2, 2.5, 6.0  # [rad/s] per unit of reading
-_SOMETHING = 0.06  # reading that is more than noise
-_SEARCH_AFTER = 30  # [steps] without any; a wall's end is rounded in 25
-_MAX_TURN_IN = 1.26  # [rad/s] towards the wall: round an edge at 4.8 cm
+_SOMETHING = 0.06  # least reading that is not noise
+_SEARCH_AFTER = 30  # [steps] without a reading; rounding a wall's end takes 25
+_MAX_TURN_IN = 1.26  # [rad/s] towards the wall: rounds an edge at 4.8 cm
 
 GAP = 0.13  # [m] along the trail between the teacher and its follower
-WALL_DISTANCE = 0.026  # [m] from the rim that a wall follower settles at
+WALL_DISTANCE = 0.026  # [m] from the rim, at which a wall follower stays
 _LOOK_AHEAD = 0.03  # [m] along the trail
 _CRUMB = 0.004  # [m] between two points of the trail
 
@@ -37,13 +36,13 @@ _MEAN_RUN = 8  # [steps] for which a wanderer holds a turn
 
 
 class WallFollower:
-    """Keeps a wall at one side by proportional control on the readings of that side.
+    """Follows a wall on one side by proportional control on the readings of that side.
 
-    Where it has seen nothing for longer than it takes to round a wall's end, it drives straight
+    After it has seen nothing for longer than it takes to round a wall's end, it drives straight
     until it meets a wall.
 
     Args:
-        side: of the wall.
+        side: Of the wall.
     """
 
     def __init__(self, side: Side) -> None:
@@ -51,7 +50,7 @@ class WallFollower:
         self._unseen = _SEARCH_AFTER  # [steps] since it saw anything
 
     def act(self, infrared: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Wheel speeds (2,) [m/s] for six readings (6,), left to right."""
+        """Return wheel speeds `[2]` [m/s] for six readings `[6]`, left to right."""
         self._unseen = 0 if max(infrared) > _SOMETHING else self._unseen + 1
         if self._unseen >= _SEARCH_AFTER:
             return wheel_speeds(CRUISE, 0.0)
@@ -70,11 +69,11 @@ class WallFollower:
 
 
 class TrailFollower:
-    """Pursues the trail of another robot at a distance along it.
+    """Follows the trail of another robot at a distance along it.
 
     Args:
-        own_place: where the follower is (2,) [m].
-        leader_place: where the other robot is (2,) [m]; the trail begins as the line between.
+        own_place: Where the follower is `[2]` [m].
+        leader_place: Where the other robot is `[2]` [m]; the trail begins as the line between them.
     """
 
     def __init__(self, own_place: NDArray[np.float64], leader_place: NDArray[np.float64]) -> None:
@@ -84,11 +83,11 @@ class TrailFollower:
     def act(
         self, pose: NDArray[np.float64], leader_place: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Wheel speeds (2,) [m/s].
+        """Return wheel speeds `[2]` [m/s].
 
         Args:
-            pose: of the follower (3,) [m, m, rad].
-            leader_place: where the other robot is now (2,) [m].
+            pose: Of the follower `[3]` [m, m, rad].
+            leader_place: Where the other robot is now `[2]` [m].
         """
         if np.linalg.norm(leader_place - self._trail[-1]) >= _CRUMB:
             self._trail.append(leader_place.copy())
@@ -101,14 +100,13 @@ class TrailFollower:
 
 
 class Wanderer:
-    """Runs and tumbles: holds a turn, mostly a gentle one, for a while; turns away from obstacles.
+    """Holds a turn, mostly a gentle one, for a while; turns away from obstacles.
 
-    A run ends at each step with the same chance, so that it does not matter when it began. The next
-    turn is the largest times the cube of a uniform number: now and then a sharp one, from which a
-    forward model learns what those do.
+    A run ends at each step with the same probability. The next turn is the largest one times the
+    cube of a uniform number, so sharp turns are rare but occur for a forward model to learn.
 
     Args:
-        rng: of its turns.
+        rng: Of its turns.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -117,16 +115,16 @@ class Wanderer:
         self._away = 0.0  # [rad/s] while it turns away, else 0
 
     def take_over(self, wheels: NDArray[np.floating]) -> None:
-        """Makes the present motion, which something else began, the wanderer's own run.
+        """Continue the present motion as the wanderer's own run.
 
         Args:
-            wheels: speeds that it was driven with (2,) [m/s].
+            wheels: Present speeds `[2]` [m/s].
         """
         self._turn = float(wheels[1] - wheels[0]) / WHEEL_BASE
         self._away = 0.0
 
     def act(self, infrared: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Wheel speeds (2,) [m/s] for six readings (6,), left to right."""
+        """Return wheel speeds `[2]` [m/s] for six readings `[6]`, left to right."""
         ends, way = self._rng.random(), self._rng.uniform(-1, 1)
         if ends < 1 / _MEAN_RUN:
             self._turn = MAX_TURN * way**3
@@ -134,7 +132,7 @@ class Wanderer:
         if front <= AVOID_FRONT and diagonal <= AVOID_DIAGONAL:
             self._away = 0.0
             return wheel_speeds(CRUISE, self._turn)
-        if self._away == 0.0:  # chosen once, so that it does not waver in a corner
+        if self._away == 0.0:  # chosen once, so that it does not oscillate in a corner
             self._away = MAX_TURN if infrared[3:].sum() > infrared[:3].sum() else -MAX_TURN
         self._turn = 0.0
         return wheel_speeds(_AVOID_SPEED, self._away)
@@ -143,7 +141,7 @@ class Wanderer:
 def _pursue(
     pose: NDArray[np.float64], goal: NDArray[np.float64], speed: float
 ) -> NDArray[np.float64]:
-    """Wheel speeds (2,) [m/s] on the circle through a goal ahead (pure pursuit)."""
+    """Return wheel speeds `[2]` [m/s] on the circle through a goal ahead (pure pursuit)."""
     away = goal - pose[:2]
     bearing = math.remainder(math.atan2(away[1], away[0]) - pose[2], math.tau)
     distance = max(float(np.linalg.norm(away)), 1e-3)

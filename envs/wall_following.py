@@ -1,7 +1,7 @@
-"""Experiment 2 as a gymnasium environment: a robot that sees walls by infra-red alone.
+"""Experiment 2 as a gymnasium environment: a robot that perceives walls by infra-red sensors.
 
-Maistros, Marom & Hayes (2001), Experiment 2. With a teacher in it, another robot follows walls
-ahead of the learner; without one the learner is on its own.
+Maistros, Marom & Hayes (2001), Experiment 2. A teacher, if there is one, follows walls
+ahead of the learner; otherwise the learner is alone.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from envs.placement import following_poses, open_pose, wall_pose
 from envs.wall_behaviours import CRUISE, WALL_DISTANCE, Side, WallFollower
 
 NOISE = 0.01  # standard deviation of a reading
-NEAR = 0.05  # [m] from the rim within which a wall counts as beside the robot
+NEAR = 0.05  # [m] from the rim, within which a wall counts as beside the robot
 ENERGY_WIDTH = 0.010  # [m] the sensors' own length
-SLACK = 1e-6  # by which rounding may take an action out of [-1, 1]
+SLACK = 1e-6  # for rounding errors of actions in [-1, 1]
 LEARNER, TEACHER = 0, 1
 CAMERAS = ("top", "chase")
 
@@ -33,18 +33,18 @@ CAMERAS = ("top", "chase")
 class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """A Khepera-like robot in a walled arena, alone or behind a teacher.
 
-    Action: speeds of the left and the right wheel (2,) as shares of 0.12 m/s, in [-1, 1].
+    Action: speeds of the left and the right wheel `[2]` as shares of 0.12 m/s, in [-1, 1].
     `step_to` takes the speeds themselves [m/s].
 
-    Observation: six infra-red readings (6,) from left to right (`envs.khepera.INFRARED_NAMES`),
+    Observation: six infra-red readings `[6]` from left to right (`envs.khepera.INFRARED_NAMES`),
     0 for nothing within 70 mm, 1 at contact, with noise of 0.01, clipped to [0, 1].
 
     Reward: the wall energy of the step, exp(-((d - 26 mm) / 10 mm)² / 2) · min(1, p / 6 mm), where
-    d is the distance from rim to wall and p the way made along the wall.
+    d is the distance from rim to wall and p the progress along the wall.
 
-    Info: `pose` (3,) [m, m, rad], `wall_distance` [m] from the rim, `wall_side` (1 left, -1 right,
+    Info: `pose` `[3]` [m, m, rad], `wall_distance` [m] from the rim, `wall_side` (1 left, -1 right,
     0 none within 50 mm), `progress` [m] along the nearest wall in this step, `contact`, and
-    `teacher_pose` (3,) if there is a teacher.
+    `teacher_pose` `[3]` if there is a teacher.
 
     Episodes neither terminate nor truncate by themselves; `gymnasium.make` ends them after 2,500
     steps.
@@ -65,19 +65,19 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         width: int = 640,
         height: int = 360,
     ) -> None:
-        """Compiles the arena.
+        """Compile the arena.
 
         Args:
             render_mode: None or "rgb_array".
-            arena: "paper", or a seed that draws one.
-            teacher: the side on which a teacher keeps the wall; None for no teacher.
-            noise_scale: factor on the noise of the readings; 0 perceives the truth.
+            arena: "paper", or the seed of a random one.
+            teacher: Side of the teacher's wall; None for no teacher.
+            noise_scale: Factor on the noise of the readings; 0 for none.
             camera: "top" sees the whole arena, "chase" follows the learner.
-            width: of a rendered picture [pixels].
-            height: of a rendered picture [pixels].
+            width: Of a rendered picture [pixels].
+            height: Of a rendered picture [pixels].
 
         Raises:
-            ValueError: an argument is out of its range.
+            ValueError: An argument is out of its range.
         """
         _check_arguments(render_mode, teacher, noise_scale, camera, width, height)
         self.arena = make_arena(arena)
@@ -96,21 +96,21 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Puts the learner anywhere in the open; a teacher ahead of it, looking for a wall.
+        """Put the learner in the open; a teacher ahead of it, on its way to a wall.
 
         Args:
-            seed: decides places and noise.
+            seed: Decides places and noise.
             options: `{"wall": "left"}` or `"right"` puts a learner that is alone beside a wall.
 
         Returns:
             Observation and info.
 
         Raises:
-            ValueError: an unknown option, or a wall for a learner with a teacher.
+            ValueError: An unknown option, or a wall for a learner with a teacher.
         """
         wall = _wanted_wall(options)
         if wall is not None and self._side is not None:
-            raise ValueError(f"options must be none with a teacher, who chooses, got {options!r}")
+            raise ValueError(f"options must be empty with a teacher, got {options!r}")
         super().reset(seed=seed, options=options)
         self._teacher = None if self._side is None else WallFollower(self._side)
         self._physics.begin(self._draw_poses(wall))
@@ -118,17 +118,17 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._perceive(LEARNER), self._describe(self._physics.poses[LEARNER])
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Runs one control step of 0.1 s.
+        """Run one control step of 0.1 s.
 
         Args:
-            action: speeds of the left and the right wheel (2,) as shares of 0.12 m/s.
+            action: Speeds of the left and the right wheel `[2]` as shares of 0.12 m/s.
 
         Returns:
             Observation, reward, terminated (False), truncated (False), info.
 
         Raises:
-            ValueError: the action is not 2 finite numbers within [-1, 1]; nothing has moved.
-            ResetNeeded: the environment was never reset.
+            ValueError: The action is not 2 finite numbers within [-1, 1]; nothing has moved.
+            ResetNeeded: The environment was never reset.
         """
         shares = _checked("action", action)
         if max(map(abs, shares.tolist())) > 1 + SLACK:
@@ -140,17 +140,17 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def step_to(
         self, wheel_speeds: np.ndarray
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Runs one control step of 0.1 s, as `step`, at wheel speeds.
+        """Run one control step of 0.1 s, as `step`, at wheel speeds.
 
         Args:
-            wheel_speeds: of the left and the right wheel (2,) [m/s]; clipped to ±0.12 m/s.
+            wheel_speeds: Of the left and the right wheel `[2]` [m/s]; clipped to ±0.12 m/s.
 
         Returns:
             Observation, reward, terminated (False), truncated (False), info.
 
         Raises:
-            ValueError: the speeds are not 2 finite numbers; nothing has moved.
-            ResetNeeded: the environment was never reset.
+            ValueError: The speeds are not 2 finite numbers; nothing has moved.
+            ResetNeeded: The environment was never reset.
         """
         wanted = _checked("wheel_speeds", wheel_speeds)
         wanted = np.minimum(np.maximum(wanted, -MAX_WHEEL_SPEED), MAX_WHEEL_SPEED)
@@ -164,15 +164,15 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._perceive(LEARNER), _energy(info), False, False, info
 
     def render(self) -> np.ndarray | None:
-        """Draws the arena, the robots and the rays of the learner's sensors.
+        """Draw the arena, the robots and the rays of the learner's sensors.
 
-        Without OpenGL, Pillow draws.
+        Pillow draws if OpenGL is not available.
 
         Returns:
-            A picture (height, width, 3) uint8, or None without a render mode.
+            A picture `[height, width, 3]` uint8, or None without a render mode.
 
         Raises:
-            ResetNeeded: the environment was never reset.
+            ResetNeeded: The environment was never reset.
         """
         if self.render_mode is None:
             return None
@@ -186,7 +186,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return draw_arena(*view)
 
     def close(self) -> None:
-        """Frees the simulation and its OpenGL context."""
+        """Free the simulation and its OpenGL context."""
         self._physics.free()
 
     def _check_reset(self) -> None:
@@ -194,7 +194,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise ResetNeeded("expected a call of reset first, the environment was never reset")
 
     def _draw_poses(self, wall: Side | None) -> np.ndarray:
-        """Where the robots begin (R, 3) [m, m, rad]."""
+        """Draw the initial poses `[R, 3]` [m, m, rad]."""
         if self._teacher is not None:
             return following_poses(self.arena, self.np_random, self._teacher.side)
         if wall is not None:
@@ -202,13 +202,13 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return open_pose(self.arena, self.np_random)[None]
 
     def _perceive(self, robot: int) -> np.ndarray:
-        """A robot's noisy readings (6,) float32."""
+        """Return a robot's noisy readings `[6]` float32."""
         truth = self._physics.infrared(robot)
         noisy = truth + self._noise * self.np_random.standard_normal(len(truth))
         return np.minimum(np.maximum(noisy, 0.0), 1.0).astype(np.float32)
 
     def _describe(self, before: np.ndarray) -> dict[str, Any]:
-        """The truth about the learner, `before` being its pose one step ago."""
+        """Return the true state of the learner; `before` is its pose one step ago."""
         poses, wall = self._physics.poses, self._physics.nearest_wall(LEARNER)
         pose = poses[LEARNER]
         x, y, heading = pose.tolist()
@@ -228,7 +228,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def _energy(info: dict[str, Any]) -> float:
-    """The wall energy of one step, from 0 to 1."""
+    """Return the wall energy of one step, from 0 to 1."""
     off = (info["wall_distance"] - WALL_DISTANCE) / ENERGY_WIDTH
     return math.exp(-0.5 * off * off) * min(1.0, info["progress"] / (CRUISE * CONTROL_TIMESTEP))
 
@@ -241,7 +241,7 @@ def _check_arguments(
     width: int,
     height: int,
 ) -> None:
-    """Refuses what the environment cannot be built with."""
+    """Refuse invalid arguments of the environment."""
     if render_mode not in (None, "rgb_array"):
         raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
     if teacher not in (None, "left", "right"):
@@ -257,7 +257,7 @@ def _check_arguments(
 
 
 def _wanted_wall(options: dict[str, Any] | None) -> Side | None:
-    """The side of the wall to begin beside, or a ValueError."""
+    """Return the side of the wall to begin beside, or raise a ValueError."""
     wanted = dict(options or {})
     wall = wanted.pop("wall", None)
     if wanted or wall not in (None, "left", "right"):
@@ -266,7 +266,7 @@ def _wanted_wall(options: dict[str, Any] | None) -> Side | None:
 
 
 def _checked(name: str, value: np.ndarray) -> np.ndarray:
-    """The value as float64 (2,), or a ValueError."""
+    """Return the value as float64 `[2]`, or raise a ValueError."""
     expected = f"{name} must be 2 finite numbers"
     try:
         numbers = np.asarray(value, dtype=np.float64)

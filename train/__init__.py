@@ -1,1 +1,1 @@
-"""Scripts that run the experiments: `python -m train.NAME --help` explains each."""
+"""Scripts that run the experiments; `python -m train.NAME --help` explains each."""

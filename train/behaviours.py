@@ -1,10 +1,10 @@
-"""Several behaviours in one network: it performs the one that is shown, and says which it is.
+"""Learn several behaviours with one network, which then imitates and recognizes each of them.
 
-The imitator watches demonstrations of two ways of drinking that share the approach: a drink, and a
-toast before it. Nodes that led to different continuations keep several motor schemas, which
-compete. New episodes of both are then imitated and recognised, and a third behaviour that was never
-taught, moving the glass, has to be called novel. Beside it, a network with one schema per node,
-overwritten by each new episode, as in the paper. Writes the dataset, checkpoints, scores, figures
+The imitator watches demonstrations of two behaviours that begin alike: a drink, and a toast
+followed by a drink. Nodes with different continuations keep several motor schemas, which compete.
+New episodes of both are then imitated and recognized. A third behaviour that was not taught, moving
+the glass, should be flagged as novel. The baseline is a network with one schema per node that each
+new episode overwrites, as in the paper. Writes the dataset, checkpoints, scores, figures, a video
 and a tensorboard log into `runs/behaviours/<time>-seed<N>/`.
 """
 
@@ -40,6 +40,7 @@ from train.postural.behaviours.episodes import (
     CHECKPOINTS,
     ONE,
     SEVERAL,
+    TASKS,
     BehaviourEpisode,
     behaviour_episodes,
 )
@@ -51,14 +52,14 @@ from train.postural.behaviours.scores import (
     score_recognition,
 )
 from train.postural.episodes import (
+    FPS,
     Condition,
     demonstration_seeds,
     make_environment,
     recall_seeds,
     watch_demonstration,
 )
-from train.postural.report import FPS, film
-from train.postural_imitation import (
+from train.postural.learning import (
     FEATURES,
     NOVELTY_THRESHOLD,
     SCALE,
@@ -67,38 +68,37 @@ from train.postural_imitation import (
     learn,
     make_network,
 )
+from train.postural.report import film
 
-TASKS = {
-    "drink": "drink a glass of beer",
-    "toast": "toast, then drink a glass of beer",
-    "move": "move a glass over the table",
-}
 TAUGHT, NEW = ("drink", "toast"), "move"
-FILMED = list(TASKS).index("toast")  # the first episode of it
+FILMED = list(TASKS).index("toast")  # index of its first episode
 NOVEL_ABOVE = 0.19  # chosen on seeds 1000 to 1239
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.behaviours", __doc__)
     parser.add_argument(
         "--episodes", type=positive, default=100, help="new episodes of each behaviour"
     )
     parser.add_argument(
-        "--demonstrations", type=positive, default=8, help="noisy demonstrations of each taught one"
+        "--demonstrations",
+        type=positive,
+        default=8,
+        help="noisy demonstrations of each taught behaviour",
     )
     return parser.parse_args()
 
 
 def main() -> None:
-    """Record, learn, recall and recognise, show."""
+    """Make a run's folder and run the experiment in it."""
     arguments = parse_arguments()
     with run_folder("behaviours", arguments.seed, arguments.runs) as folder:
         run(arguments, folder)
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
-    """One run, from demonstrations to scores."""
+    """Record, learn, recall, recognize, score and draw."""
     use_one_thread()
     record(folder / "dataset", arguments.seed, arguments.demonstrations)
     demonstrations = load_demonstrations(folder / "dataset")
@@ -119,8 +119,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
         log.scores(scores["recognition"], "recognition")
         log.scores(scores["novelty"], "novelty")
         log.projector(networks[SEVERAL].sofm, (*STATE_NAMES, *GLASS_NAMES))
-        for picture in (*sorted((folder / "figures").iterdir()), folder / "recall.gif"):
-            log.picture(picture.stem, picture)
+        log.pictures(*sorted((folder / "figures").iterdir()), folder / "recall.gif")
     print_table(scores)
     print(f"\nscores    {folder / 'metrics.json'}\nfigures   {folder / 'figures'}")
     print(f"video     {folder / 'recall.mp4'}")
@@ -129,7 +128,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
 
 
 def record(folder: Path, seed: int, count: int) -> None:
-    """Records demonstrations of the taught behaviours, in turn, into a LeRobot dataset."""
+    """Record demonstrations of the taught behaviours, alternating, into a LeRobot dataset."""
     environments = {name: make_environment(Condition(behaviour=name)) for name in TAUGHT}
     seeds = demonstration_seeds(seed, len(TAUGHT) * count)
     with Recorder(folder, FPS, FEATURES, "behaviours") as recorder:
@@ -140,14 +139,14 @@ def record(folder: Path, seed: int, count: int) -> None:
 
 
 def make_competing_network() -> PACNet:
-    """An from_demonstrations network whose nodes keep several schemas."""
+    """Return an untrained network whose nodes keep several schemas."""
     recognition = RecognitionConfig(novel_above=NOVEL_ABOVE)
     schemas = CompetingSchemasConfig(len(JOINTS), len(SCALE), recognition=recognition)
     return PACNet(PACNetConfig(attention_config(), schemas))
 
 
 def score(episodes: Sequence[BehaviourEpisode], network: PACNet) -> dict[str, Any]:
-    """All that goes into `metrics.json`."""
+    """Return all that `metrics.json` holds."""
     known = [episode for episode in episodes if episode.behaviour in TAUGHT]
     new = [episode for episode in episodes if episode.behaviour == NEW]
     return {
@@ -161,7 +160,7 @@ def score(episodes: Sequence[BehaviourEpisode], network: PACNet) -> dict[str, An
 
 
 def draw(episodes: Sequence[BehaviourEpisode]) -> dict[str, Figure]:
-    """When behaviours are named, how novel the new one is, and one episode of each over time."""
+    """Draw when behaviours are named, how novel the new one is, and an episode of each."""
     known = {name: [e for e in episodes if e.behaviour == name] for name in TAUGHT}
     probabilities = {
         name: [e.recognition.probability[:, place].numpy() for e in some]
@@ -189,7 +188,7 @@ def draw(episodes: Sequence[BehaviourEpisode]) -> dict[str, Figure]:
 
 
 def print_table(scores: Mapping[str, Any]) -> None:
-    """The scores."""
+    """Print the scores."""
     head = ("completed", "wrist mean", "wrist max", "at parting")
     print(f"\n{'':34}{'shown':>8}" + "".join(f"{name:>12}" for name in head))
     for system, by_behaviour in scores["recall"].items():

@@ -1,13 +1,14 @@
-"""Corrects an imitator where it finds a situation new: it pauses, is shown what to do, and goes on.
+"""Correct an imitator in situations that are novel to it.
 
 The imitator acts in the drinking environment, with the glass at known places and at new ones, 15 cm
-away. Where something is new to it, it says what and by how much, and holds still. The demonstrator
-then shows, in this very situation, what is to be done; the demonstration is recorded, and learned
-beside all that is known. So it goes on until the imitator does there by itself what it is shown.
+away. When a percept is novel, the imitator reports the dimension and the deviation, and holds
+still. The demonstrator then demonstrates the task in the same situation. The demonstration is
+recorded and learned in addition to what is known. This repeats until the imitator succeeds without
+pausing.
 
-Writes the dataset with the corrections appended, the checkpoint that learned them, the figures and
-the scores of new episodes before and after into `runs/correct/<time>-seed<N>/`. The dataset and the
-checkpoint that were given stay as they are.
+Writes the dataset with the corrections appended, the checkpoint that learned them, a figure and the
+scores of new episodes before and after into `runs/correct/<time>-seed<N>/`. The given dataset and
+checkpoint are not changed.
 """
 
 from __future__ import annotations
@@ -44,22 +45,21 @@ from train.postural.correction.episodes import (
 )
 from train.postural.correction.figures import novelty_over_time
 from train.postural.correction.scores import print_scores, print_turn, score_attempts, score_turn
-from train.postural.episodes import TASK, Condition, make_environment
-from train.postural.report import FPS
-from train.postural_imitation import FEATURES
+from train.postural.episodes import FPS, TASK, Condition, make_environment
+from train.postural.learning import FEATURES
 
-DISTANCE = 0.15  # [m] of a new place from the usual one
-ENOUGH = 5  # attempts at a new place, one after the other, that need no correction
-ATTEMPTS = 20  # there, at most
+DISTANCE = 0.15  # [m] between a new place and the usual one
+ENOUGH = 5  # consecutive attempts at a new place without a correction
+ATTEMPTS = 20  # most at a place
 
-# What is drawn from the seed.
+# Purposes for which seeds are drawn.
 _PLACES, _ELSEWHERE, _KNOWN, _NEW, _CORRECTING, _CORRECTED, _OTHERS, _STILL_NEW = range(10, 18)
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.correct", __doc__, episodes=50)
-    parser.add_argument("checkpoint", help="folder of an imitator, as `pacnet fit` writes it")
+    parser.add_argument("checkpoint", help="folder of an imitator, written by `pacnet fit`")
     parser.add_argument(
         "--dataset", required=True, help="folder of the LeRobot dataset that it learned from"
     )
@@ -68,13 +68,13 @@ def parse_arguments() -> argparse.Namespace:
         type=int,
         choices=(1, 2, 3),
         default=1,
-        help="new places at which it is corrected, as far from one another as from the usual one",
+        help="number of new places at which it is corrected",
     )
     return parser.parse_args()
 
 
 def main() -> None:
-    """Load, act, correct, show."""
+    """Load the imitator and its dataset, check both, and run the experiment."""
     arguments = parse_arguments()
     try:
         imitator = Imitator.from_pretrained(arguments.checkpoint).eval()
@@ -87,13 +87,13 @@ def main() -> None:
 
 
 def check(imitator: Imitator, given: Demonstrations) -> None:
-    """Refuses an imitator that does not act in the drinking environment, or another's dataset."""
+    """Refuse an imitator for another environment, or the dataset of another environment."""
     config = imitator.config
     if {**config.percepts, "action": config.action} != FEATURES or config.targets != "action":
         raise ValueError(
-            f"expected an imitator that perceives {', '.join(FEATURES)} of the drinking "
-            f"environment and keeps actions, got one of {', '.join(config.percepts)} that keeps "
-            f"{config.targets}s"
+            f"expected an imitator of the drinking environment with percepts and actions "
+            f"{', '.join(FEATURES)} whose targets are actions, got one with "
+            f"{', '.join(config.percepts)} whose targets are {config.targets}s"
         )
     if not imitator.lessons:
         raise ValueError("expected an imitator that has learned something, got one without lessons")
@@ -107,7 +107,7 @@ def check(imitator: Imitator, given: Demonstrations) -> None:
 def run(
     arguments: argparse.Namespace, imitator: Imitator, given: Demonstrations, folder: Path
 ) -> None:
-    """Episodes before, the corrections, episodes after."""
+    """Run episodes before the corrections, correct the imitator, and run episodes after."""
     use_one_thread()
     seed, count = arguments.seed, arguments.episodes
     places = draw_places((seed, _PLACES), arguments.places)
@@ -144,7 +144,7 @@ def write_scores(
     turns: list[Turn],
     kinds: Mapping[str, list[Attempt]],
 ) -> None:
-    """Scores of each kind of episodes and of the corrections, as a table and in `metrics.json`."""
+    """Print the scores of all episodes and of the corrections; write `metrics.json`."""
     scores = {kind: score_attempts(episodes) for kind, episodes in kinds.items()}
     learning = [turn.learning for turn in turns if turn.learning is not None]
     corrections = {
@@ -161,14 +161,14 @@ def write_scores(
 def correct(
     imitator: Imitator, given: Demonstrations, places: list[Offset], seed: int, dataset: Path
 ) -> list[Turn]:
-    """Lets the imitator act, first at the usual place, and corrects it at each new one.
+    """Let the imitator act at the usual place and at each new one, and correct it there.
 
     Args:
-        imitator: learns the corrections.
-        given: what it learned before.
-        places: new ones.
-        seed: of the run.
-        dataset: folder to be made, for the given demonstrations and then the corrections.
+        imitator: Learns the corrections.
+        given: The demonstrations that it has learned.
+        places: Offsets of the new places [m].
+        seed: Of the run.
+        dataset: New folder for the given demonstrations, followed by the corrections.
     """
     environment, turns = make_environment(Condition()), []
     with Recorder(dataset, FPS, COLUMNS, "postural_imitation") as recorder:
@@ -181,19 +181,19 @@ def correct(
             for situation in situations((seed, _CORRECTING, place), [offset], ATTEMPTS):
                 turns.append(teacher.take_turn(place, situation))
                 latest = [turn for turn in turns if turn.place == place][-ENOUGH:]
-                if len(latest) == ENOUGH and all(turn.attempt.needs_nobody for turn in latest):
+                if len(latest) == ENOUGH and all(turn.attempt.is_autonomous for turn in latest):
                     break
     return turns
 
 
 class Teacher:
-    """Shows the imitator what to do wherever it does not know by itself.
+    """Demonstrate to the imitator wherever it fails or pauses.
 
     Args:
-        imitator: acts, and learns.
-        environment: to act and to show in.
-        recorder: of what is shown.
-        given: what the imitator learned before.
+        imitator: Acts and learns.
+        environment: To act and to demonstrate in.
+        recorder: Of the demonstrations.
+        given: The demonstrations that the imitator has learned.
     """
 
     def __init__(
@@ -207,14 +207,14 @@ class Teacher:
         self._given, self._next = given, len(given)
 
     def take_turn(self, place: int, situation: Situation) -> Turn:
-        """Lets the imitator act in a situation, and corrects it if it paused or did not succeed."""
+        """Let the imitator act in a situation; correct it if it paused or failed."""
         tried = attempt(self._imitator, self._environment, situation)
-        turn = Turn(place, tried, None if tried.needs_nobody else self._correct(situation))
+        turn = Turn(place, tried, None if tried.is_autonomous else self._correct(situation))
         print_turn(turn)
         return turn
 
     def _correct(self, situation: Situation) -> float:
-        """Shows, records and has the imitator learn; the time of learning [s]."""
+        """Demonstrate, record, and let the imitator learn; return the time of learning [s]."""
         frames, done = demonstrate(self._environment, situation)
         shown = as_demonstration(self._next, frames)
         self._recorder.save_episode(TASK, frames | annotate(self._imitator, shown, done))
@@ -228,7 +228,7 @@ class Teacher:
 
 
 def draw_places(seed: Sequence[int], count: int) -> list[Offset]:
-    """Offsets of new places [m], no two of them nearer to one another than to the usual one."""
+    """Draw offsets of new places [m]; they and the usual one are at least `DISTANCE` apart."""
     rng = np.random.default_rng(seed)
     while True:
         places = np.stack([draw_offset(rng, DISTANCE) for _ in range(count)])
@@ -238,7 +238,7 @@ def draw_places(seed: Sequence[int], count: int) -> list[Offset]:
 
 
 def draw_other_place(seed: Sequence[int], corrected: Sequence[Offset]) -> Offset:
-    """The offset of one more new place [m], not near those at which it was corrected."""
+    """Draw the offset of another new place [m], away from those that were corrected."""
     rng = np.random.default_rng(seed)
     while True:
         place = draw_offset(rng, DISTANCE)
@@ -247,7 +247,7 @@ def draw_other_place(seed: Sequence[int], corrected: Sequence[Offset]) -> Offset
 
 
 def situations(seed: Sequence[int], places: Sequence[Offset], count: int) -> list[Situation]:
-    """So many situations, at one place after the other, each of another seed."""
+    """Return `count` situations with different seeds, cycling through the places."""
     seeds = np.random.SeedSequence(seed).generate_state(count).tolist()
     return [Situation(number, places[i % len(places)]) for i, number in enumerate(seeds)]
 

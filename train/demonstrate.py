@@ -1,7 +1,7 @@
-"""Records demonstrations of one behaviour into a LeRobot dataset, or at the end of one.
+"""Record demonstrations of one behaviour into a new LeRobot dataset, or append to one.
 
-An imitator at rest watches the demonstrator, and perceives with noise what it does. Every finished
-episode is on the disk, after Ctrl-C and even after a kill.
+A resting imitator watches the demonstrator; its percepts are noisy. Finished episodes stay on disk
+after Ctrl-C or a kill.
 """
 
 from __future__ import annotations
@@ -10,33 +10,37 @@ import argparse
 import sys
 from pathlib import Path
 
-from train.behaviours import TASKS
 from train.common.runs import natural, positive
-from train.postural_imitation import record
+from train.postural.behaviours.episodes import TASKS
+from train.postural.learning import record
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m train.demonstrate",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("dataset", help="folder to make, or of a dataset to append to")
+    parser.add_argument("dataset", help="folder of the dataset; appended to if it exists")
     parser.add_argument(
-        "--behaviour", choices=tuple(TASKS), default="drink", help="what is demonstrated (drink)"
+        "--behaviour",
+        choices=tuple(TASKS),
+        default="drink",
+        help="behaviour to demonstrate (drink)",
     )
     parser.add_argument(
-        "--demonstrations", type=positive, default=8, help="how many, all a little different (8)"
+        "--demonstrations",
+        type=positive,
+        default=8,
+        help="number of demonstrations, each a little different (8)",
     )
-    parser.add_argument(
-        "--seed", type=natural, default=0, help="decides every draw: another seed, others (0)"
-    )
+    parser.add_argument("--seed", type=natural, default=0, help="seed of all random numbers (0)")
     return parser.parse_args()
 
 
 def main() -> None:
-    """Record."""
+    """Record the demonstrations."""
     arguments = parse_arguments()
     folder, behaviour = Path(arguments.dataset), arguments.behaviour
     try:
@@ -44,7 +48,7 @@ def main() -> None:
     except (OSError, ValueError) as error:
         raise SystemExit(f"error: {error}") from error
     except KeyboardInterrupt:
-        print(f"\nInterrupted. What was finished is in {folder}", file=sys.stderr)
+        print(f"\nInterrupted. Finished episodes are in {folder}", file=sys.stderr)
         raise SystemExit(130) from None
     print(f"dataset   {folder}")
 

@@ -1,8 +1,8 @@
-"""Learns a forward model for Experiment 2: what turning its wheels does to a robot's infra-red.
+"""Learn a forward model for Experiment 2: how wheel speeds change the infra-red readings.
 
-Wanders alone, records the transitions as a LeRobot dataset, fits the model to the dataset, writes a
-checkpoint, loads it, and scores it on new wandering in an arena that it never saw. Scores, figures
-and a tensorboard log go into `runs/forward_model/<time>-seed<N>/`.
+The robot wanders alone; the transitions are recorded as a LeRobot dataset. The model is fitted to
+the dataset, saved, loaded, and scored on new wandering in an arena that it has not seen. Scores,
+figures and a tensorboard log go into `runs/forward_model/<time>-seed<N>/`.
 """
 
 from __future__ import annotations
@@ -43,20 +43,20 @@ TEST_STEPS = 3000  # of wandering in another arena
 
 
 class Predictions(NamedTuple):
-    """What a model says of transitions, beside what happened."""
+    """Predicted and true changes of the readings."""
 
     predicted: Tensor  # change of the readings [T, 6]
     true: Tensor  # [T, 6]
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.forward_model", __doc__)
     parser.add_argument(
         "--arena",
         type=taught_arena,
         default="paper",
-        help="to wander in: paper, or a seed that draws one",
+        help="arena to wander in: paper, or the seed of a random one",
     )
     parser.add_argument(
         "--transitions", type=positive, default=TRANSITIONS, help="steps of wandering to learn from"
@@ -68,7 +68,7 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def predict(model: MLPForwardModel, wandering: Transitions) -> Predictions:
-    """The change of the readings in one step, on every transition."""
+    """Predict the change of the readings in one step, for every transition."""
     percepts, actions = map(torch.from_numpy, wandering)
     with torch.no_grad():
         predicted = model(percepts[:-1], actions[:-1])
@@ -76,7 +76,7 @@ def predict(model: MLPForwardModel, wandering: Transitions) -> Predictions:
 
 
 def score(model: MLPForwardModel, wandering: Transitions) -> dict[str, float]:
-    """R² of the change against persistence: of each sensor in one step, and of their mean."""
+    """Return R² of the change against persistence, for each sensor and their mean."""
     predictions = predict(model, wandering)
     r2 = r2_of_change(predictions.true, predictions.predicted)
     scores = {f"r2_{name}": float(value) for name, value in zip(INFRARED_NAMES, r2, strict=True)}
@@ -84,14 +84,14 @@ def score(model: MLPForwardModel, wandering: Transitions) -> dict[str, float]:
 
 
 def main() -> None:
-    """Wander, fit, score, show."""
+    """Make a run's folder and run the experiment in it."""
     arguments = parse_arguments()
     with run_folder("forward_model", arguments.seed, arguments.runs) as folder:
         run(arguments, folder)
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
-    """One run, from wandering to scores."""
+    """Wander, fit, score and draw."""
     use_one_thread()
     seed = arguments.seed
     record_wandering(folder / "dataset", arguments.arena, seed, arguments.transitions)
@@ -124,12 +124,11 @@ def _log(folder: Path, losses: Tensor, scores: dict[str, float]) -> None:
     with LearningLog(folder / "tensorboard") as log:
         log.losses(losses.tolist())
         log.scores(scores, "prediction")
-        for picture in sorted((folder / "figures").iterdir()):
-            log.picture(picture.stem, picture)
+        log.pictures(*sorted((folder / "figures").iterdir()))
 
 
 def _print(folder: Path, scores: dict[str, float]) -> None:
-    print("\nShare of the change of each reading explained, in an arena never seen (R²; 0 is")
+    print("\nShare of the change of each reading explained, in an unseen arena (R²; 0 is")
     print("persistence, which predicts no change):")
     for name in (*INFRARED_NAMES, "mean"):
         print(f"  {name:10}{scores[f'r2_{name}']:6.2f}")

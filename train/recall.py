@@ -1,4 +1,4 @@
-"""Recalls a checkpoint of Experiment 1 on new episodes, without training, and scores it.
+"""Recall a checkpoint of Experiment 1 on new episodes, without training, and score it.
 
 Writes scores and a video into `runs/recall/<time>-seed<N>/`.
 """
@@ -22,16 +22,21 @@ from train.postural.scores import score_episodes
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.recall", __doc__, episodes=20)
     parser.add_argument("checkpoint", help="folder, such as checkpoints/postural_imitation")
-    parser.add_argument("--pace", type=factor, default=1.0, help="1.25 is 25 %% faster than taught")
+    parser.add_argument(
+        "--pace",
+        type=factor,
+        default=1.0,
+        help="of the demonstrator; 1.25 is 25 %% faster than in training",
+    )
     parser.add_argument("--noise", type=factor, default=1.0, help="factor on the perceptual noise")
     return parser.parse_args()
 
 
 def main() -> None:
-    """Load, recall, show."""
+    """Load the checkpoint and recall it."""
     arguments = parse_arguments()
     network = load_or_exit(arguments.checkpoint, PERCEPTS, TARGETS)
     with run_folder("recall", arguments.seed, arguments.runs) as folder:
@@ -39,7 +44,7 @@ def main() -> None:
 
 
 def run(arguments: argparse.Namespace, nodes: int, folder: Path) -> None:
-    """Recall episodes of one condition, their scores and a video of the first."""
+    """Recall episodes of one condition; write their scores and a video of the first."""
     condition = Condition(arguments.pace, arguments.noise)
     seeds = recall_seeds(arguments.seed, arguments.episodes)
     episodes = recall_episodes(arguments.checkpoint, seeds, condition)

@@ -1,9 +1,9 @@
-"""Recognises, acting on nothing, the behaviours in a LeRobot dataset by a taught checkpoint.
+"""Recognize the behaviours in a LeRobot dataset with a trained checkpoint, without acting.
 
-Each episode is watched from its start. At each frame the network says which of the behaviours it
-was taught this is, how far along, what comes next and at the end, and how new it is. Writes a copy
-of the dataset with these as extra columns, figures of the first episodes and scores into
-`runs/recognise/<time>-seed<N>/`. Nothing is drawn at random: the seed names the folder, no more.
+Each episode is watched from its start. For each frame the network gives the probability of each
+behaviour, the progress, the expected next and last percepts, and the novelty. Writes a copy of the
+dataset with these as extra columns, figures of the first episodes and scores into
+`runs/recognise/<time>-seed<N>/`. Nothing is random; the seed only names the folder.
 
 A percept is `observation.state`, followed by `observation.environment_state` if there is one.
 """
@@ -28,8 +28,14 @@ from pacnet.datasets.demonstrations import (
     dimension_names,
     load_demonstrations,
 )
-from pacnet.evaluation.recognised import Watched, column_names, column_values, joined, shown
 from pacnet.evaluation.recognition_figures import recognition_over_time
+from pacnet.evaluation.recognized import (
+    RecognizedEpisode,
+    column_names,
+    column_values,
+    concatenate,
+    display_names,
+)
 from pacnet.kernels.threads import use_one_thread
 from train.common.runs import make_parser, natural, run_folder, save_figures, write_metrics
 from train.postural.recognition.scores import print_table, score_all, score_episode
@@ -38,16 +44,18 @@ CHUNK = 50  # samples between two steps of the progress bar
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.recognise", __doc__)
-    parser.add_argument("checkpoint", help="folder of a taught network")
+    parser.add_argument("checkpoint", help="folder of a trained network")
     parser.add_argument("dataset", help="folder of a LeRobot dataset (format v3.0)")
-    parser.add_argument("--figures", type=natural, default=8, help="first episodes to draw")
+    parser.add_argument(
+        "--figures", type=natural, default=8, help="number of episodes to draw, from the first on"
+    )
     return parser.parse_args()
 
 
 def main() -> None:
-    """Load, watch, show."""
+    """Load network and dataset, check both, and recognize the episodes."""
     arguments = parse_arguments()
     try:
         network = PACNet.from_pretrained(arguments.checkpoint).eval()
@@ -60,16 +68,16 @@ def main() -> None:
 
 
 def load_percepts(dataset: Path) -> Demonstrations:
-    """What there is to watch in a dataset; nobody needs to have acted in it."""
+    """Load the percepts of a dataset, which needs no actions."""
     return load_demonstrations(dataset, action=STATE)
 
 
 def check(network: PACNet, demonstrations: Demonstrations) -> None:
-    """Refuses a network that does not take such percepts, or cannot recognise anything."""
+    """Refuse a network that does not fit the percepts, or cannot recognize anything."""
     takes, got = network.config.attention.dimensions, len(dimension_names(demonstrations.names))
     if takes != got:
         raise ValueError(
-            f"expected percepts of {takes} dimensions, as the checkpoint takes, "
+            f"expected percepts of {takes} dimensions, as in the checkpoint, "
             f"got {got} from the dataset's {' and '.join(demonstrations.names)}"
         )
     network.recognise(demonstrations.episodes[0].percepts[:1])
@@ -78,7 +86,7 @@ def check(network: PACNet, demonstrations: Demonstrations) -> None:
 def run(
     arguments: argparse.Namespace, network: PACNet, demonstrations: Demonstrations, folder: Path
 ) -> None:
-    """Recognition of all episodes, its scores, figures and dataset."""
+    """Recognize all episodes; write scores, figures and the dataset."""
     use_one_thread()
     columns = column_names(network.behaviours, dimension_names(demonstrations.names))
     copies = is_copied(arguments.dataset, columns)
@@ -101,17 +109,17 @@ def run(
 
 
 def is_copied(dataset: str, columns: Mapping[str, Sequence[str]]) -> bool:
-    """Whether a copy of the dataset will be written; if not, says at once why."""
+    """Return whether the dataset can be copied; print a note if not."""
     try:
         check_annotatable(dataset, columns)
     except ValueError as error:
-        print(f"note: no copy of the dataset will be written: {error}", file=sys.stderr)
+        print(f"note: the dataset will not be copied: {error}", file=sys.stderr)
         return False
     return True
 
 
-def watch(network: PACNet, demonstrations: Demonstrations) -> list[Watched]:
-    """Recognises one episode after the other, each from its start."""
+def watch(network: PACNet, demonstrations: Demonstrations) -> list[RecognizedEpisode]:
+    """Recognize one episode after the other, each from its start."""
     watched = []
     total = sum(len(demonstration.state) for demonstration in demonstrations)
     with tqdm(total=total, desc="recognising", unit="sample") as progress:
@@ -121,15 +129,15 @@ def watch(network: PACNet, demonstrations: Demonstrations) -> list[Watched]:
             for percepts in demonstration.percepts.split(CHUNK):
                 parts.append(network.recognise(percepts))
                 progress.update(len(percepts))
-            watched.append(Watched(demonstration, joined(parts)))
+            watched.append(RecognizedEpisode(demonstration, concatenate(parts)))
     return watched
 
 
-def draw(watched: Sequence[Watched], network: PACNet, fps: float) -> dict[str, Figure]:
-    """Name -> figure of each episode."""
+def draw(watched: Sequence[RecognizedEpisode], network: PACNet, fps: float) -> dict[str, Figure]:
+    """Return name -> figure of each episode."""
     schemas = network.config.schemas
-    assert isinstance(schemas, CompetingSchemasConfig)  # else nothing had been recognised
-    titles, threshold = shown(network.behaviours), schemas.recognition.novel_above
+    assert isinstance(schemas, CompetingSchemasConfig)  # check() has recognized a percept
+    titles, threshold = display_names(network.behaviours), schemas.recognition.novel_above
     figures = {}
     for one in tqdm(watched, "drawing", unit="figure"):
         number, task = one.demonstration.episode, one.demonstration.task

@@ -1,12 +1,11 @@
-"""Learns from demonstrations of which some are spoiled: what does a spoiled one destroy?
+"""Learn from demonstrations of which some are spoiled, and measure what a spoiled one destroys.
 
-The paper overwrites a motor schema by each new episode; here it is beside several schemas per node
-that compete, and give way only to what is not worse. Each replicate has its own
-demonstrations of one drink, in some of which the hand trembles, is interrupted or misses the glass.
-They are shown in the order in which they were drawn, in which a later good one may mend what a
-spoiled one destroyed, and with the spoiled ones last, where nothing does.
-Writes datasets, checkpoints, scores, a figure and a tensorboard log into
-`runs/retraining/<time>-seed<N>/`.
+Compares two ways of learning: overwriting a motor schema by each new episode, as in the paper, and
+several competing schemas per node, which are replaced only by ones of no lower quality. Each
+replicate has its own demonstrations of a drink; in some of them the hand trembles, is interrupted
+or misses the glass. They are learned in random order, where a later good demonstration can repair
+the damage, and with the spoiled ones last. Writes datasets, checkpoints, scores, a figure and a
+tensorboard log into `runs/retraining/<time>-seed<N>/`.
 """
 
 from __future__ import annotations
@@ -31,19 +30,22 @@ from train.postural.retraining.report import Outcome, draw, print_tables, summar
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.retraining", __doc__, episodes=10)
     parser.add_argument(
-        "--replicates", type=positive, default=10, help="each with its own demonstrations"
+        "--replicates",
+        type=positive,
+        default=10,
+        help="repetitions, each with its own demonstrations",
     )
     parser.add_argument(
-        "--demonstrations", type=positive, default=10, help="of a replicate, two or more"
+        "--demonstrations", type=positive, default=10, help="in each replicate, two or more"
     )
     parser.add_argument(
         "--spoiled",
         type=threshold,
         default=0.2,
-        help="share of the demonstrations that have a mishap; at least one has, and not all",
+        help="share of the demonstrations with a mishap; at least one, but not all",
     )
     arguments = parser.parse_args()
     if arguments.demonstrations < 2:
@@ -52,14 +54,14 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Record, learn in several ways, recall, compare."""
+    """Make a run's folder and run the experiment in it."""
     arguments = parse_arguments()
     with run_folder("retraining", arguments.seed, arguments.runs) as folder:
         run(arguments, folder)
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
-    """Every replicate, and their means."""
+    """Run every replicate; write their scores and means."""
     replicates = draw_replicates(
         arguments.seed, arguments.replicates, arguments.demonstrations, arguments.spoiled
     )
@@ -68,7 +70,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     scores = {}
     for by_policy in run_replicates(replicates, folder, arguments.episodes):
         outcomes.append(Outcome(replicates[len(outcomes)], by_policy))
-        scores = summary(outcomes)  # after each replicate: none is lost
+        scores = summary(outcomes)  # after each replicate, so that none is lost
         write_metrics(folder / "metrics.json", command, arguments.seed, scores)
     save_figures(folder / "figures", {"retraining": draw(outcomes)})
     network = PACNet.from_pretrained(folder / "checkpoint" / "replicate-0" / "several_schemas")
@@ -76,7 +78,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
         for policy, values in scores["policies"].items():
             log.scores({name: score["mean"] for name, score in values.items()}, policy)
         log.projector(network.sofm, (*STATE_NAMES, *GLASS_NAMES))
-        log.picture("retraining", folder / "figures" / "retraining.png")
+        log.pictures(folder / "figures" / "retraining.png")
     print_tables(scores)
     print(f"\nscores    {folder / 'metrics.json'}\nfigure    {folder / 'figures'}")
     print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")

@@ -1,4 +1,4 @@
-"""Recalls a checkpoint of Experiment 1 under conditions it was not taught: pace and noise.
+"""Recall a checkpoint of Experiment 1 at other paces and noise levels than in training.
 
 Writes the scores of every condition and a figure into `runs/robustness/<time>-seed<N>/`.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pacnet.evaluation.map_figures import robustness
 from train.common.runs import (
     command_line,
     load_or_exit,
@@ -18,6 +17,7 @@ from train.common.runs import (
     write_metrics,
 )
 from train.postural.episodes import PERCEPTS, TARGETS, Condition, recall_episodes, recall_seeds
+from train.postural.figures import robustness
 from train.postural.scores import Scores, score_episodes
 
 CONDITIONS = {
@@ -31,19 +31,19 @@ SHOWN = ("task_success_rate", "wrist_distance_mean_m", "wrist_distance_max_m", "
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.robustness", __doc__, episodes=100)
     parser.add_argument(
         "checkpoint",
         nargs="?",
         default="checkpoints/postural_imitation",
-        help="folder of a taught network",
+        help="folder of a trained network",
     )
     return parser.parse_args()
 
 
 def main() -> None:
-    """Recall under each condition, then show."""
+    """Check the checkpoint and run the experiment."""
     arguments = parse_arguments()
     load_or_exit(arguments.checkpoint, PERCEPTS, TARGETS)
     with run_folder("robustness", arguments.seed, arguments.runs) as folder:
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
-    """The same episodes, by their seeds, under every condition."""
+    """Recall the same episodes, by their seeds, under every condition."""
     seeds = recall_seeds(arguments.seed, arguments.episodes)
     scores: dict[str, Scores] = {}
     for name, condition in CONDITIONS.items():

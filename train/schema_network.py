@@ -1,9 +1,9 @@
-"""The paper's Figure 2: 13 hand-given schemas that compete, and PACNet taught by the same examples.
+"""Compare PACNet with the paper's earlier system of 13 hand-made schemas (Figure 2).
 
-Three behaviours are cut by hand into perceptual-motor pairs: drink 1-2-3-4-5, toast 1-6-7-8-9, move
-10-11-12-13. The same demonstrations, one of each behaviour, are watched by PACNet, which cuts them
-itself. New noisy episodes are shown to both, and both imitate. Writes the demonstrations as a
-LeRobot dataset, both checkpoints, scores, figures and a tensorboard log into
+Three behaviours are segmented by hand into perceptual-motor pairs: drink 1-2-3-4-5, toast
+1-6-7-8-9, move 10-11-12-13. PACNet learns from the same demonstrations, one of each behaviour, and
+segments them itself. Both then imitate new noisy episodes. Writes the demonstrations as a LeRobot
+dataset, both checkpoints, scores, figures and a tensorboard log into
 `runs/schema_network/<time>-seed<N>/`.
 """
 
@@ -29,12 +29,19 @@ from pacnet.network.schema_network import SchemaNetwork
 from train.common.learning_log import LearningLog
 from train.common.runs import command_line, make_parser, run_folder, save_figures, write_metrics
 from train.postural.episodes import (
+    FPS,
     Condition,
     demonstration_seeds,
     make_environment,
     recall_seeds,
 )
-from train.postural.report import FPS
+from train.postural.learning import (
+    FEATURES,
+    NOVELTY_THRESHOLD,
+    frames_of,
+    learn,
+    make_network,
+)
 from train.postural.schema_network.episodes import (
     PACNET,
     SCHEMA_NETWORK,
@@ -59,32 +66,25 @@ from train.postural.schema_network.scores import (
     score_schemas,
     score_system,
 )
-from train.postural_imitation import (
-    FEATURES,
-    NOVELTY_THRESHOLD,
-    frames_of,
-    learn,
-    make_network,
-)
 
-LESSONS = 3  # times that PACNet watches each demonstration: nodes that win rarely settle late
+PASSES = 3  # over the demonstrations: nodes that win rarely need several to habituate
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.schema_network", __doc__, episodes=100)
     return parser.parse_args()
 
 
 def main() -> None:
-    """Demonstrate, cut by hand, learn, imitate, show."""
+    """Make a run's folder and run the experiment in it."""
     arguments = parse_arguments()
     with run_folder("schema_network", arguments.seed, arguments.runs) as folder:
         run(arguments, folder)
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
-    """One run, from demonstrations to scores."""
+    """Demonstrate, segment by hand, learn, imitate, score and draw."""
     use_one_thread()
     shown = demonstrate(arguments.seed, folder / "dataset")
     schemas = make_schema_network(shown)
@@ -105,20 +105,19 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
                 numbers = {name: v for name, v in values.items() if isinstance(v, float)}
                 log.scores(numbers, f"{system}/{behaviour}")
         log.projector(pacnet.sofm, (*STATE_NAMES, *GLASS_NAMES))
-        for picture in sorted((folder / "figures").iterdir()):
-            log.picture(picture.stem, picture)
+        log.pictures(*sorted((folder / "figures").iterdir()))
     print_table(scores)
     print(f"\nscores    {folder / 'metrics.json'}\nfigures   {folder / 'figures'}")
     print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")
 
 
 def deal(seeds: Sequence[int]) -> dict[str, Sequence[int]]:
-    """Seeds dealt out to the behaviours in turn."""
+    """Assign the seeds to the behaviours in turn."""
     return {name: seeds[place :: len(SCHEMAS)] for place, name in enumerate(SCHEMAS)}
 
 
 def demonstrate(seed: int, dataset: Path) -> dict[str, Shown]:
-    """One demonstration of each behaviour, watched by a resting imitator; also as a dataset."""
+    """Record one demonstration of each behaviour, watched by a resting imitator."""
     seeds = deal(demonstration_seeds(seed, len(SCHEMAS)))
     shown = {}
     with Recorder(dataset, FPS, FEATURES, "schema_network") as recorder:
@@ -131,11 +130,11 @@ def demonstrate(seed: int, dataset: Path) -> dict[str, Shown]:
 
 
 def teach(demonstrations: Demonstrations, log: LearningLog) -> PACNet:
-    """PACNet, having watched all demonstrations in turn, `LESSONS` times."""
+    """Return a PACNet that has observed all demonstrations `PASSES` times."""
     network = make_network(NOVELTY_THRESHOLD)
-    for lesson in range(LESSONS):
+    for pass_index in range(PASSES):
         again = [
-            replace(demonstration, episode=lesson * len(demonstrations) + number)
+            replace(demonstration, episode=pass_index * len(demonstrations) + number)
             for number, demonstration in enumerate(demonstrations)
         ]
         learn(network, replace(demonstrations, episodes=tuple(again)), log)
@@ -143,7 +142,7 @@ def teach(demonstrations: Demonstrations, log: LearningLog) -> PACNet:
 
 
 def score(episodes: Sequence[Episode], schemas: SchemaNetwork, pacnet: PACNet) -> dict[str, Any]:
-    """All that goes into `metrics.json`."""
+    """Return all that `metrics.json` holds."""
     systems: dict[str, dict[str, dict[str, Any]]] = {}
     for system in SYSTEMS:
         systems[system] = {"all": score_system(episodes, system)}
@@ -157,7 +156,7 @@ def score(episodes: Sequence[Episode], schemas: SchemaNetwork, pacnet: PACNet) -
     pairs = [schemas.targets(schema) for schema in range(len(schemas))]
     return {
         "demonstrations_per_behaviour": 1,
-        "lessons_of_pacnet": LESSONS,
+        "lessons_of_pacnet": PASSES,
         "episodes_per_behaviour": len(episodes) // len(SCHEMAS),
         "duplicates": {
             SCHEMA_NETWORK: score_duplicates(pairs),
@@ -174,7 +173,7 @@ def score(episodes: Sequence[Episode], schemas: SchemaNetwork, pacnet: PACNet) -
 def draw(
     episodes: Sequence[Episode], schemas: SchemaNetwork, scores: Mapping[str, Any]
 ) -> dict[str, Figure]:
-    """The paper's Figure 2, both systems side by side, and the switches."""
+    """Draw the paper's Figure 2, both systems side by side, and the switches."""
     first = {
         name: next(episode for episode in episodes if episode.behaviour == name) for name in SCHEMAS
     }
@@ -202,7 +201,7 @@ def draw(
 
 
 def print_table(scores: Mapping[str, Any]) -> None:
-    """Both systems side by side."""
+    """Print the scores of all systems side by side."""
     print("\n" + " " * 34 + "".join(f"{system:>28}" for system in SYSTEMS))
     for row in ("switches", "task_success_rate", "in_order_rate", "strictly_in_order_rate",
                 "own_share", "alternations_2_6"):  # fmt: skip

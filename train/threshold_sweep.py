@@ -1,8 +1,8 @@
-"""Learns Experiment 1 with one novelty threshold after another, and draws what each costs.
+"""Learn Experiment 1 with different novelty thresholds, and compare nodes and task success.
 
-Too low a threshold makes too few nodes (over-generalisation), too high a one too many
-(over-fitting): the paper, section "The Integrated System". Writes the scores and a figure into
-`runs/threshold_sweep/<time>-seed<N>/`.
+A threshold that is too low makes too few nodes (over-generalisation), one that is too high makes
+too many (over-fitting); see the paper's section "The Integrated System". Writes the scores and a
+figure into `runs/threshold_sweep/<time>-seed<N>/`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Literal
 from matplotlib.figure import Figure
 
 from pacnet.datasets.demonstrations import load_demonstrations
-from pacnet.evaluation.map_figures import threshold_sweep
 from train.common.learning_log import LearningLog
 from train.common.runs import (
     command_line,
@@ -25,16 +24,17 @@ from train.common.runs import (
     write_metrics,
 )
 from train.postural.episodes import Condition, recall_episodes, recall_seeds
+from train.postural.figures import threshold_sweep
+from train.postural.learning import NOVELTY_THRESHOLD, learn, make_network, record
 from train.postural.scores import score_episodes
-from train.postural_imitation import NOVELTY_THRESHOLD, learn, make_network, record
 
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-WAYS: tuple[Literal["cue", "order"], ...] = ("cue", "order")  # to find a node's target
+WAYS: tuple[Literal["cue", "order"], ...] = ("cue", "order")  # of recall
 SHOWN = ("novelty_threshold", "recall_by", "nodes", "task_success_rate", "wrist_distance_mean_m")
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.threshold_sweep", __doc__, episodes=20)
     parser.add_argument(
         "--demonstrations", type=positive, default=8, help="noisy demonstrations to learn from"
@@ -43,14 +43,14 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def main() -> None:
-    """Learn and recall with each threshold, then show."""
+    """Make a run's folder and run the experiment in it."""
     arguments = parse_arguments()
     with run_folder("threshold_sweep", arguments.seed, arguments.runs) as folder:
         run(arguments, folder)
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
-    """The same demonstrations and the same recall episodes with every threshold."""
+    """Learn the same demonstrations and recall the same episodes with every threshold."""
     record(folder / "dataset", arguments.seed, arguments.demonstrations)
     demonstrations = load_demonstrations(folder / "dataset")
     seeds = recall_seeds(arguments.seed, arguments.episodes)
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
         taught = make_network(threshold)
         with LearningLog(folder / "tensorboard" / f"threshold-{threshold}") as log:
             learn(taught, demonstrations, log)
-        for recall_by in WAYS:  # which is no matter of learning
+        for recall_by in WAYS:  # does not affect learning
             network = make_network(threshold, recall_by)
             network.load_state_dict(taught.state_dict())
             checkpoint = folder / f"checkpoint-{threshold}-{recall_by}"
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
 
 
 def draw(sweep: list[dict[str, float | str]]) -> Figure:
-    """Nodes, and success by each way to recall, over the threshold."""
+    """Draw nodes, and success by each way to recall, over the threshold."""
     ways = {way: [scores for scores in sweep if scores["recall_by"] == way] for way in WAYS}
     nodes = [scores["nodes"] for scores in ways["cue"]]
     success = {f"by {way}": [s["task_success_rate"] for s in ways[way]] for way in WAYS}

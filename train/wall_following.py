@@ -1,9 +1,10 @@
-"""Experiment 2: a robot learns to follow walls by following one that does, then does it alone.
+"""Run Experiment 2: a robot learns to follow walls by following a teacher, then acts alone.
 
-Wanders and fits a forward model, follows a teacher along left and right walls, records both as
-LeRobot datasets, learns from them, writes checkpoints, loads them, and lets the robot go alone:
-once for a long time, and once under each of several conditions that show what causes the behaviour.
-Scores, figures, a video and a tensorboard log go into `runs/wall_following/<time>-seed<N>/`.
+The robot wanders to fit a forward model, and follows a teacher along left and right walls. Both are
+recorded as LeRobot datasets and learned; the checkpoints are saved and loaded. The robot then acts
+alone: once for a long time, and once under each of several conditions that show what causes the
+behaviour. Scores, figures, a video and a tensorboard log go into
+`runs/wall_following/<time>-seed<N>/`.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from train.common.runs import (
     taught_arena,
     write_metrics,
 )
+from train.common.summary import summarise
 from train.walls.conditions import STEPS, Scores, replicates, run_conditions
 from train.walls.episodes import Place, Recalling, act_alone, alone_seed
 from train.walls.learning import (
@@ -42,43 +44,49 @@ from train.walls.learning import (
     teach,
 )
 from train.walls.report import draw, draw_conditions, film, print_conditions
-from train.walls.scores import cluster_agreement, name_clusters, score_run, summarise
+from train.walls.scores import cluster_agreement, name_clusters, score_run
 from train.walls.variants import Learned
 
 
 def parse_arguments() -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = make_parser("train.wall_following", __doc__)
     parser.add_argument(
         "--arena",
         type=taught_arena,
         default="paper",
-        help="to learn in: paper, or a seed that draws one",
+        help="arena to learn in: paper, or the seed of a random one",
     )
     parser.add_argument(
-        "--steps", type=positive, default=30_000, help="of the long run alone, 0.1 s each"
+        "--steps",
+        type=positive,
+        default=30_000,
+        help="length of the long run alone, in steps of 0.1 s",
     )
     parser.add_argument(
         "--replicates",
         type=positive,
         default=1,
-        help="of the conditions; each further one learns everything anew from the next seed",
+        help="repetitions of the conditions; each learns everything anew from the next seed",
     )
     parser.add_argument(
-        "--condition-steps", type=positive, default=STEPS, help="of each condition's run"
+        "--condition-steps",
+        type=positive,
+        default=STEPS,
+        help="length of the run under each condition",
     )
     return parser.parse_args()
 
 
 def main() -> None:
-    """Wander, follow, learn, act alone, compare, show."""
+    """Make a run's folder and run the experiment in it."""
     arguments = parse_arguments()
     with run_folder("wall_following", arguments.seed, arguments.runs) as folder:
         run(arguments, folder)
 
 
 def run(arguments: argparse.Namespace, folder: Path) -> None:
-    """One run, from wandering to scores."""
+    """Learn, act alone, compare conditions, score, draw and film."""
     use_one_thread()
     with LearningLog(folder / "tensorboard") as log:
         learned = learn(arguments.seed, arguments.arena, folder, log)
@@ -94,20 +102,19 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
 
         command = command_line("train.wall_following", arguments)
         summary = {}
-        for summary in _compare(learned, arguments):  # after each replicate: none is lost
+        for summary in _compare(learned, arguments):  # after each replicate, so that none is lost
             document = {**scores, "conditions": summary}
             write_metrics(folder / "metrics.json", command, arguments.seed, document)
         save_figures(folder / "figures", {"conditions": draw_conditions(summary)})
 
         log.scores(scores)
         log.projector(network.sofm, INFRARED_NAMES)
-        for picture in (*sorted((folder / "figures").iterdir()), folder / "recall.gif"):
-            log.picture(picture.stem, picture)
+        log.pictures(*sorted((folder / "figures").iterdir()), folder / "recall.gif")
     _print(folder, scores, summary)
 
 
 def learn(seed: int, where: str | int, folder: Path, log: LearningLog) -> Learned:
-    """Records, learns from the records, and loads what was saved."""
+    """Record, learn from the records, save, and load what was saved."""
     record_wandering(folder / "wandering", where, seed, TRANSITIONS)
     wandering = load_wandering(folder / "wandering")
     model = make_forward_model(seed)
@@ -127,7 +134,7 @@ def learn(seed: int, where: str | int, folder: Path, log: LearningLog) -> Learne
 
 
 def _act_alone(learned: Learned, steps: int) -> Any:
-    """The long run."""
+    """Let the robot act alone for a long time."""
     with tqdm(total=steps, desc="alone", unit="step") as progress:
         return act_alone(
             Recalling(learned.network, learned.seed),
@@ -139,7 +146,7 @@ def _act_alone(learned: Learned, steps: int) -> Any:
 
 
 def _compare(learned: Learned, arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Every condition over the replicates so far, of which what this run learned is the first."""
+    """Yield the scores of all conditions over the replicates so far; this run is the first."""
     done = [run_conditions(learned, arguments.condition_steps)]
     yield _summary(done)
     others = range(arguments.seed + 1, arguments.seed + arguments.replicates)

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> None:
     from pacnet.cli.seen import see
     from pacnet.cli.sources import load_imitator, load_percepts
     from pacnet.datasets.annotations import check_annotatable, write_annotated
-    from pacnet.evaluation.recognised import column_names, column_values
+    from pacnet.evaluation.recognized import column_names, column_values
 
     if Path(arguments.out).exists():
         raise FileExistsError(f"expected a folder to be made for the copy, {arguments.out} exists")

@@ -9,7 +9,7 @@ import numpy as np
 import rerun
 
 from pacnet.cli.seen import Seen
-from pacnet.evaluation.recognised import shown
+from pacnet.evaluation.recognized import display_names
 
 
 def write_rerun(
@@ -26,7 +26,7 @@ def write_rerun(
     with rerun.RecordingStream("pacnet", recording_id=Path(file).stem) as recording:
         recording.save(file)
         for one in seen:
-            _send(recording, one, shown(behaviours), fps)
+            _send(recording, one, display_names(behaviours), fps)
 
 
 def _send(

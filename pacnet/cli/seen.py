@@ -13,7 +13,7 @@ from pacnet.cli.progress import frames_of, progress_bar
 from pacnet.cli.reasons import reason_of
 from pacnet.competition.recognition import Recognition
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
-from pacnet.evaluation.recognised import Watched, joined
+from pacnet.evaluation.recognized import RecognizedEpisode, concatenate
 from pacnet.imitator.imitator import Imitator, ImitatorStep
 from pacnet.kernels.threads import use_one_thread
 
@@ -32,7 +32,7 @@ class Seen:
         reasons: why it would have acted or held, in a few words.
     """
 
-    watched: Watched
+    watched: RecognizedEpisode
     dimension: tuple[str, ...]
     acts: Tensor
     reasons: tuple[str, ...]
@@ -61,12 +61,12 @@ def _see_one(imitator: Imitator, shown: Demonstration, advance: Callable[[int], 
         parts.append(imitator.network.recognise(percepts))
         steps += map(imitator.step, percepts.numpy())
         advance(len(percepts))
-    recognition = joined(parts)._replace(
+    recognition = concatenate(parts)._replace(
         novelty=torch.tensor([step.novelty for step in steps]),
         is_novel=torch.tensor([step.is_novel for step in steps]),
     )
     return Seen(
-        Watched(shown, recognition),
+        RecognizedEpisode(shown, recognition),
         tuple(step.dimension for step in steps),
         torch.tensor([step.action is not None for step in steps]),
         tuple(reason_of(step).short for step in steps),

@@ -115,7 +115,7 @@ def _recognised(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str,
     if recognition.is_novel[-1]:
         return "new", NOTHING, NOTHING
     named = int(recognition.behaviour[-1])
-    sure, since = float(recognition.probability[-1, named]), seen.watched.named_since / fps
+    sure, since = float(recognition.probability[-1, named]), seen.watched.stable_from / fps
     return behaviours[named] or "untitled", f"{sure:.1%}", f"{since:.2f} s"
 
 
@@ -123,10 +123,10 @@ def _draw(seen: Sequence[Seen], imitator: Imitator, fps: float, folder: Path) ->
     """A page of each episode; returns the folder."""
     from pacnet.cli.progress import progress_bar
     from pacnet.cli.seen import NOVEL_ABOVE
-    from pacnet.evaluation.recognised import shown
     from pacnet.evaluation.recognition_figures import recognition_over_time
+    from pacnet.evaluation.recognized import display_names
 
-    titles = shown(imitator.network.behaviours)
+    titles = display_names(imitator.network.behaviours)
     with progress_bar("drawing", len(seen), "figure") as advance:
         for one in seen:
             number, task = one.watched.demonstration.episode, one.watched.demonstration.task

@@ -1,4 +1,4 @@
-"""The walled arenas: geometry, how seeds draw them, and where robots begin in them."""
+"""Walled arenas: geometry, random arenas, and initial poses of robots."""
 
 import functools
 import itertools

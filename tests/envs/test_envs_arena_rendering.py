@@ -1,4 +1,4 @@
-"""Pictures of the arena, with OpenGL and without: what is where, and how sensors are shown."""
+"""Pictures of the arena, with and without OpenGL."""
 
 import functools
 import math

@@ -1,4 +1,4 @@
-"""What the demonstrator shows beside the drink, and demonstrations that go wrong."""
+"""The demonstrator's behaviours other than the drink, and mishaps."""
 
 import gymnasium
 import numpy as np
@@ -62,7 +62,7 @@ def order(infos):
     return [phase for i, phase in enumerate(phases) if i == 0 or phase != phases[i - 1]]
 
 
-def test_the_drink_is_the_one_it_was_before_there_were_others(body):
+def test_the_drink_has_the_recorded_angles(body):
     """Angles [rad] of the plan that was made when nothing but the drink could be planned."""
     drink = plan(body, SEED, behaviour="drink")
     assert np.bincount(drink.phases).tolist() == [32, 90, 20, 103, 61, 103, 20, 83]
@@ -74,7 +74,7 @@ def test_the_drink_is_the_one_it_was_before_there_were_others(body):
     assert moments[:, shoulder] == pytest.approx(expected, abs=1e-3)
 
 
-def test_the_drinks_noise_is_the_one_it_was_before():
+def test_the_drink_has_the_recorded_noise():
     env = gymnasium.make(ENV_ID).unwrapped
     observation, _ = env.reset(seed=SEED)
     assert env.episode_steps == 526
@@ -134,7 +134,7 @@ def test_after_a_toast_the_hand_stays_by_the_glass(episodes):
     assert end["toast"]["glass_tilt"] < 0.01
 
 
-def test_nothing_tells_a_toast_from_a_drink_before_the_glass_is_lifted(body):
+def test_a_toast_equals_a_drink_before_the_glass_is_lifted(body):
     postures = [
         solve_postures(body, PLACE, np.random.default_rng(SEED), BEHAVIOURS[name])
         for name in ("drink", "toast")
@@ -156,7 +156,7 @@ def test_a_move_carries_the_glass_over_the_table(episodes):
     assert episodes["move"][-1]["glass_from_place"] < 0.005
 
 
-def test_a_move_is_told_from_a_drink_while_the_hand_closes(episodes):
+def test_a_move_differs_from_a_drink_while_the_hand_closes(episodes):
     angles = {
         name: next(info for info in infos if info["phase"] == "grasp")["demonstrator_angles"]
         for name, infos in episodes.items()
@@ -178,7 +178,7 @@ def test_plans_are_smooth_and_seeded(body, behaviour):
     assert (first.angles <= body.joint_range[:, 1]).all()
 
 
-def test_another_behaviour_than_the_one_asked_for_is_no_success(scenes):
+def test_another_behaviour_is_no_success(scenes):
     """Every imitator performs the others' demonstrations, to a glass at the same place."""
     for asked, shown in (("drink", "toast"), ("toast", "drink"), ("move", "drink")):
         other = scenes[shown]

@@ -1,4 +1,4 @@
-"""What every environment keeps: gymnasium's contract, seeds, bounds, refusal of bad actions."""
+"""The contract of every environment: gymnasium's checks, seeds, bounds, bad actions."""
 
 import gymnasium
 import numpy as np
@@ -68,7 +68,7 @@ def test_other_seed_other_episode(env):
     assert not same(roll(env, seed=3, n_steps=1)[1], roll(env, seed=4, n_steps=1)[1])
 
 
-def test_reset_without_seed_goes_on_with_the_same_generator(env):
+def test_reset_without_seed_continues_with_the_same_generator(env):
     env.reset(seed=7)
     second, third = env.reset()[0], env.reset()[0]
     assert not same(second, third)
@@ -128,7 +128,7 @@ def test_action_beyond_the_space_is_refused(env):
         env.unwrapped.step(action)
 
 
-def test_step_to_takes_extremes_that_it_clips(env):
+def test_step_to_clips_extremes(env):
     """The greatest action is the same as any greater number of its own unit."""
     env.reset(seed=9)
     greatest = env.unwrapped.step(np.ones(env.action_space.shape, np.float32))
@@ -166,7 +166,7 @@ def test_render_gives_pictures_of_the_wanted_size(env_id):
     env.close()
 
 
-def test_looking_changes_nothing(env):
+def test_rendering_changes_nothing(env):
     unseen = roll(env, seed=3, n_steps=5)
     env.action_space.seed(3)
     seen = [env.reset(seed=3)]

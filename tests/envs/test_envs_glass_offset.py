@@ -1,4 +1,4 @@
-"""The glasses elsewhere on the table: where they stand, where they cannot, what is done there."""
+"""Glasses at other places on the table: where they can stand, and what is done there."""
 
 import math
 
@@ -44,7 +44,7 @@ def test_both_glasses_stand_away_by_the_offset(env, offset):
     assert away == pytest.approx(expected, abs=1e-6)
 
 
-def test_without_an_offset_nothing_differs_by_a_bit():
+def test_without_an_offset_nothing_changes():
     env = gymnasium.make(ENV_ID).unwrapped
     runs = []
     for options in (None, {}, {"glass_offset": (0.0, 0.0)}):
@@ -55,7 +55,7 @@ def test_without_an_offset_nothing_differs_by_a_bit():
     env.close()
 
 
-def test_an_offset_is_of_one_episode_alone(env):
+def test_an_offset_lasts_for_one_episode(env):
     usual = begin(env, 4)[1]["glass_position"]
     begin(env, 4, (-0.1, 0.0))
     assert np.array_equal(begin(env, 4)[1]["glass_position"], usual)
@@ -119,7 +119,7 @@ def test_the_longest_offset_stays_on_the_table():
 
 def test_glasses_that_would_meet_are_refused():
     towards_the_middle = np.array((ROOT_DISTANCE / 2, 0.0)) - GLASS_PLACE
-    with pytest.raises(ValueError, match=r"0\.06 m from the table's middle.* 0\.000 m from there"):
+    with pytest.raises(ValueError, match=r"0\.06 m from the.* 0\.000 m from the middle"):
         checked_offset(towards_the_middle)
     away = towards_the_middle / np.linalg.norm(towards_the_middle)
     checked_offset(towards_the_middle - 1.01 * CLEARANCE * away)
@@ -130,6 +130,6 @@ def test_glasses_that_would_meet_are_refused():
     [None, 0.1, (0.1,), (0.1, 0.0, 0.0), "left", ("a", "b"), (math.nan, 0.0), (0.0, math.inf),
      (0.12, 0.12), {"x": 1}],
 )  # fmt: skip
-def test_what_is_no_offset_is_refused(env, offset):
+def test_an_invalid_offset_is_refused(env, offset):
     with pytest.raises(ValueError, match="expected glass_offset as"):
         env.reset(seed=0, options={"glass_offset": offset})

@@ -1,4 +1,4 @@
-"""The body that is cut from the CMU humanoid, its kinematics, and the plan of a drink."""
+"""The body made from the CMU humanoid, its kinematics, and the plan of a drink."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_the_left_arm_does_not_move_the_right_hand(body):
     assert np.array_equal(body.pose(posture()).grip, body.pose(posture(left_elbow=60)).grip)
 
 
-def test_inverse_kinematics_finds_a_posture_it_was_not_given(body):
+def test_inverse_kinematics_finds_the_posture_of_a_pose(body):
     rng = np.random.default_rng(0)
     low, high = body.joint_range.T
     for _ in range(5):

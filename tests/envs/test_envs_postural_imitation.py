@@ -181,7 +181,7 @@ def test_bad_angles_are_refused(noiseless, angles):
         noiseless.step_to(angles)
 
 
-def test_release_names_who_it_knows(noiseless):
+def test_release_refuses_unknown_names(noiseless):
     with pytest.raises(ValueError, match=r"demonstrator.*imitator.*'waiter'"):
         noiseless.release("waiter")
 

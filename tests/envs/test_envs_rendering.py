@@ -50,7 +50,7 @@ def test_without_gl_pillow_draws():
     assert draw_elsewhere(MUJOCO_GL="disable") == "drawn by Pillow"
 
 
-def test_without_a_display_the_process_lives():
+def test_without_a_display_the_process_does_not_end():
     assert draw_elsewhere(MUJOCO_GL="glfw") in ("drawn by OpenGL", "drawn by Pillow")
 
 

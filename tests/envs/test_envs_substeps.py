@@ -1,4 +1,4 @@
-"""The substeps of a control step are dm_control's, without Python between them."""
+"""The substeps of a control step equal dm_control's, without Python between them."""
 
 import mujoco
 import numpy as np
@@ -33,7 +33,7 @@ def build(request):
     return request.param
 
 
-def test_they_are_those_of_dm_control_to_the_last_bit(build):
+def test_substeps_equal_those_of_dm_control(build):
     (ours, n_substeps), (theirs, _) = build(), build()
     rng = np.random.default_rng(0)
     at_rest = ours.data.ctrl.copy()
@@ -46,14 +46,14 @@ def test_they_are_those_of_dm_control_to_the_last_bit(build):
             assert mine.tobytes() == other.tobytes(), name
 
 
-def test_no_python_runs_in_them(build):
+def test_no_python_runs_in_the_substeps(build):
     build()
     hooks = [name for name in dir(mujoco) if name.startswith("get_mjcb_")]
     assert "get_mjcb_passive" in hooks
     assert {name: getattr(mujoco, name)() for name in hooks} == dict.fromkeys(hooks)
 
 
-def test_a_simulation_that_diverges_is_told(build):
+def test_a_diverging_simulation_raises(build):
     physics, n_substeps = build()
     run_substeps(physics, n_substeps)
     physics.data.qvel[0] = np.nan
@@ -62,7 +62,7 @@ def test_a_simulation_that_diverges_is_told(build):
     run_substeps(physics, n_substeps)  # MuJoCo has begun anew
 
 
-def test_hands_let_go_when_the_simulation_has_begun_anew():
+def test_hands_let_go_at_the_start_of_an_episode():
     env = holding_env()
     env._physics.data.qvel[0] = np.nan
     with pytest.raises(PhysicsError):

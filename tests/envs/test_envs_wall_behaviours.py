@@ -1,4 +1,4 @@
-"""What robots do unlearned: the teacher keeps to a wall, the learner follows the teacher."""
+"""Built-in behaviours: the teacher keeps to a wall, the learner follows the teacher."""
 
 import gymnasium
 import numpy as np
@@ -90,7 +90,7 @@ def test_left_and_right_are_mirror_images():
         assert left.act(readings).tolist() == right.act(readings[::-1])[::-1].tolist()
 
 
-def test_the_teacher_asks_for_no_more_than_wheels_can_do():
+def test_the_teacher_stays_within_the_wheels_speeds():
     teacher = WallFollower("left")
     for readings in np.random.default_rng(1).uniform(size=(200, 6)):
         assert np.abs(teacher.act(readings)).max() <= MAX_WHEEL_SPEED
@@ -115,7 +115,7 @@ def test_in_the_open_the_teacher_drives_straight(side):
 
 
 @pytest.mark.parametrize(("side", "sign"), [("left", 1), ("right", -1)])
-def test_a_lost_wall_is_first_sought_on_its_side_and_then_straight_on(side, sign):
+def test_a_lost_wall_is_first_sought_on_its_side_and_then_straight_ahead(side, sign):
     teacher = WallFollower(side)
     seen = left_readings() if side == "left" else left_readings()[::-1]
     for _ in range(2):  # and again once it has found one
@@ -315,7 +315,7 @@ def test_a_wanderer_turns_away_from_what_is_too_near_and_from_nothing_else(senso
     assert turn == pytest.approx(sign * MAX_TURN)
 
 
-def test_in_a_corner_a_wanderer_does_not_waver():
+def test_a_wanderer_does_not_oscillate_in_a_corner():
     wanderer = Wanderer(np.random.default_rng(0))
     left, right = np.array([0, 0, 0.9, 0.8, 0, 0]), np.array([0, 0, 0.8, 0.9, 0, 0])
     turns = [speed_and_turn(wanderer.act(readings))[1] for readings in (left, right) * 5]
@@ -331,7 +331,7 @@ def test_having_turned_away_a_wanderer_drives_straight_on_and_may_turn_the_other
 
 
 @pytest.mark.parametrize("driven", [-1.3, 0.0, 0.4])
-def test_what_a_wanderer_takes_over_it_goes_on_with_until_a_run_ends(driven):
+def test_a_wanderer_continues_a_motion_until_its_run_ends(driven):
     wanderer, alone = (Wanderer(np.random.default_rng(2)) for _ in range(2))
     before = turns_of(wanderer, 30), turns_of(alone, 30)
     np.testing.assert_array_equal(*before)
@@ -343,13 +343,13 @@ def test_what_a_wanderer_takes_over_it_goes_on_with_until_a_run_ends(driven):
     np.testing.assert_array_equal(turns[ends:], own[ends:])
 
 
-def test_what_is_taken_over_is_driven_at_the_wanderers_own_speed():
+def test_a_wanderer_continues_a_motion_at_its_own_speed():
     wanderer = Wanderer(FixedDraws(0.5))
     wanderer.take_over(wheel_speeds(0.09, 0.4))
     assert speed_and_turn(wanderer.act(NOTHING)) == pytest.approx((CRUISE, 0.4))
 
 
-def test_taking_over_ends_a_turn_away():
+def test_taking_over_ends_an_avoidance():
     wanderer = Wanderer(FixedDraws(0.5))
     assert turns_of(wanderer, 1, np.array([0, 0, 0.9, 0.0, 0, 0])) == pytest.approx([-MAX_TURN])
     wanderer.take_over(wheel_speeds(CRUISE, 0.0))

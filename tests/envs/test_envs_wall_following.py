@@ -1,4 +1,4 @@
-"""Experiment 2: the robot's sensors and wheels, and what the environment says about walls."""
+"""Experiment 2: the robot's sensors and wheels, and the environment's measures."""
 
 import dataclasses
 import math
@@ -203,7 +203,7 @@ def test_wheel_speeds_are_clipped(env):
     assert fast.tolist() == env.step_to([MAX_WHEEL_SPEED] * 2)[-1]["pose"].tolist()
 
 
-def test_a_wall_stops_the_robot_and_is_felt(env):
+def test_a_wall_stops_the_robot_and_is_a_contact(env):
     beside_east_wall(env, distance=0.02, heading=0.0)
     infos = [env.step_to([MAX_WHEEL_SPEED] * 2)[-1] for _ in range(20)]
     assert not infos[0]["contact"]
@@ -295,7 +295,7 @@ def test_without_noise_the_robot_perceives_the_truth(env):
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_noise_has_the_said_deviation(scale):
+def test_noise_has_the_stated_deviation(scale):
     env = gymnasium.make(ENV_ID, noise_scale=scale).unwrapped
     env.reset(seed=0)
     env._physics.begin(np.array([[EAST_WALL - RADIUS - 0.02, 0.0, 0.0]]))
@@ -388,8 +388,8 @@ def test_actions_beyond_the_space_are_refused(env, action):
         env.step(action)
 
 
-def test_a_wall_to_begin_beside_is_the_teachers_choice():
+def test_with_a_teacher_no_wall_can_be_chosen():
     env = gymnasium.make("pacnet/WallFollowing-v0", teacher="left").unwrapped
-    with pytest.raises(ValueError, match="options must be none with a teacher"):
+    with pytest.raises(ValueError, match="options must be empty with a teacher"):
         env.reset(seed=0, options={"wall": "right"})
     env.close()

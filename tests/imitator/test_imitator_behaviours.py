@@ -8,7 +8,7 @@ from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.imitator.imitator import Imitator
 from train.postural.correction.episodes import USUAL, Situation, attempt
 from train.postural.episodes import Condition, make_environment
-from train.postural_imitation import record
+from train.postural.learning import record
 
 TAUGHT = {"drink": 61, "toast": 1061, "move": 2061}  # behaviour -> seed of its demonstrations
 

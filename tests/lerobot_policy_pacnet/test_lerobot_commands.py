@@ -26,7 +26,7 @@ from train.postural.episodes import (
     make_environment,
     watch_demonstration,
 )
-from train.postural_imitation import FEATURES, frames_of
+from train.postural.learning import FEATURES, frames_of
 
 pytestmark = pytest.mark.slow
 

@@ -1,4 +1,4 @@
-"""The measurements: contestants take turns, and the floor and the peers do what is said of them."""
+"""The measurements: interleaved runs, the C loop, the other packages, the page."""
 
 import importlib.util
 import socket
@@ -73,7 +73,7 @@ def test_the_floor_leaves_the_arithmetic_of_the_process_alone(built: floor.Floor
     assert np.float32(1e-45) / np.float32(1) > 0  # subnormals are still there
 
 
-def test_the_floor_says_that_a_capacity_was_too_small(built: floor.Floor):
+def test_the_floor_refuses_a_capacity_that_is_too_small(built: floor.Floor):
     config = SOFMConfig.paper(6, novelty_threshold=0.95)
     percepts = demonstrations(500, 6, 1, seed=0)
     with pytest.raises(ValueError, match="expected ≤ 16 nodes"):
@@ -174,10 +174,10 @@ def taught() -> Imitator:
     return imitator.eval()
 
 
-def test_an_imitator_learns_beside_the_block(taught: Imitator):
+def test_an_imitator_learns_while_the_block_runs(taught: Imitator):
     lessons, watched = laps(3, 50)
     learning = acting.Learning(taught, lessons)
-    with learning.beside():
+    with learning.in_background():
         while not learning.over.is_set():
             assert taught.step(watched[0]).decision.winner >= 0
     assert learning.learned == 3
@@ -187,7 +187,7 @@ def test_an_imitator_learns_beside_the_block(taught: Imitator):
 def test_an_error_of_the_learning_thread_is_raised(taught: Imitator):
     lessons, _ = laps(1, 50)
     learning = acting.Learning(taught, replace(lessons, fps=10))
-    with pytest.raises(ValueError, match="expected 50 frames per second"), learning.beside():
+    with pytest.raises(ValueError, match="expected 50 frames per second"), learning.in_background():
         pass
 
 
@@ -251,7 +251,7 @@ def test_thresholds_give_the_nodes_that_the_case_names(built: floor.Floor, prese
         assert abs(nodes - case.nodes) <= 0.05 * case.nodes
 
 
-def test_contestants_take_turns_until_their_budget_is_spent(monkeypatch: pytest.MonkeyPatch):
+def test_runs_are_interleaved_until_the_budget_is_spent(monkeypatch: pytest.MonkeyPatch):
     durations = {"quick": iter([5.0, 1.0, 2.0]), "slow": iter([9.0, 7.0])}
     order = []
 
@@ -260,8 +260,8 @@ def test_contestants_take_turns_until_their_budget_is_spent(monkeypatch: pytest.
         return next(durations[run])
 
     monkeypatch.setattr(harness, "timed", timed)
-    contestants = {"quick": lambda: "quick", "slow": lambda: "slow"}
-    medians = harness.race(contestants, budget=10, most=3)
+    candidates = {"quick": lambda: "quick", "slow": lambda: "slow"}
+    medians = harness.median_times(candidates, budget=10, most=3)
     assert order == ["quick", "slow", "quick", "slow", "quick"]  # 16 is over the slow one's budget
     assert medians == {"quick": 2.0, "slow": 8.0}
 
@@ -324,7 +324,7 @@ def test_every_name_is_a_module(name: str):
     assert importlib.util.find_spec(f"benchmarks.{name}") is not None
 
 
-def test_an_interruption_keeps_what_is_done_and_a_failure_the_rest(
+def test_an_interruption_keeps_finished_tables_and_a_failure_the_others(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     def measure(name: str) -> list[Table] | None:
@@ -332,7 +332,7 @@ def test_an_interruption_keeps_what_is_done_and_a_failure_the_rest(
             raise KeyboardInterrupt
         return None if name == "nodes" else [Table(name, "", ("a", "b"), [])]
 
-    monkeypatch.setattr(command, "measure_apart", measure)
+    monkeypatch.setattr(command, "measure_in_process", measure)
     parts = command.measure_all(["observe", "nodes", "step", "batch", "memory"])
     assert list(parts) == ["observe", "step"]
     assert "interrupted" in capsys.readouterr().err
@@ -342,7 +342,7 @@ def test_datasets_are_measured_with_a_second_interpreter_too(monkeypatch: pytest
     def measure(name: str, python: str = "own") -> list[Table]:
         return [Table(f"{name} by {python}", "", ("a", "b"), [])]
 
-    monkeypatch.setattr(command, "measure_apart", measure)
+    monkeypatch.setattr(command, "measure_in_process", measure)
     parts = command.measure_all(["step", "datasets"], also="other")
     assert parts["step"].count("## ") == 1
     assert parts["datasets"].index("datasets by own") < parts["datasets"].index("datasets by other")
@@ -357,7 +357,7 @@ def test_tables_of_datasets_name_the_versions_that_they_were_measured_with():
 
 @pytest.mark.slow
 def test_a_module_that_fails_in_its_process_is_reported(capsys: pytest.CaptureFixture[str]):
-    assert command.measure_apart("no_such_module") is None
+    assert command.measure_in_process("no_such_module") is None
     assert "no_such_module failed" in capsys.readouterr().err
 
 

@@ -1,4 +1,4 @@
-"""Whatever dataset the scripts write, independent checkers find nothing wrong with it."""
+"""Independent checkers find nothing wrong with the datasets that the scripts write."""
 
 import json
 from collections.abc import Callable
@@ -8,16 +8,17 @@ import pytest
 from checkers import assert_clean
 
 from pacnet.cli import main
-from train import behaviours, postural_imitation, schema_network
+from train import behaviours, schema_network
 from train.common.expected_findings import expect_findings
+from train.postural import learning
 from train.postural.retraining.replicates import Replicate, record
 
 SEED = 11
 DRAWN = Replicate(SEED, (None, "tremor", None, "miss", None, None, None, "interrupted", None, None))
 
 RECORDED: dict[str, Callable[[Path], object]] = {
-    "postural_imitation": lambda folder: postural_imitation.record(folder, SEED, 8),
-    "demonstrate": lambda folder: postural_imitation.record(folder, SEED, 8, "move", "move it"),
+    "postural_imitation": lambda folder: learning.record(folder, SEED, 8),
+    "demonstrate": lambda folder: learning.record(folder, SEED, 8, "move", "move it"),
     "behaviours": lambda folder: behaviours.record(folder, SEED, 4),
     "schema_network": lambda folder: schema_network.demonstrate(SEED, folder),
     "retraining": lambda folder: record(DRAWN, folder),
@@ -32,15 +33,15 @@ def test_checkers_find_nothing_wrong(tmp_path: Path, script: str):
 
 
 @pytest.mark.slow
-def test_nor_with_annotations(tmp_path: Path):
-    postural_imitation.record(tmp_path / "dataset", SEED, 4)
+def test_checkers_find_nothing_wrong_with_annotations(tmp_path: Path):
+    learning.record(tmp_path / "dataset", SEED, 4)
     imitator, annotated = tmp_path / "imitator", tmp_path / "annotated"
     assert main(["fit", str(tmp_path / "dataset"), "--out", str(imitator)]) == 0
     assert main(["export", str(imitator), str(tmp_path / "dataset"), "--out", str(annotated)]) == 0
     assert_clean(annotated)
 
 
-def test_what_is_meant_is_declared_with_its_reason(tmp_path: Path):
+def test_expected_findings_are_declared_with_a_reason(tmp_path: Path):
     (tmp_path / "meta").mkdir()
     expect_findings(tmp_path, "episodes.*", "spoiled on purpose", [1, 7])
     (declared,) = json.loads((tmp_path / "meta/rdq_expected.yaml").read_text())

@@ -1,4 +1,4 @@
-"""Several behaviours: the episodes' landmarks, every score by hand, the pool, the whole command."""
+"""Several behaviours: episodes, scores by hand, the pool, the whole command."""
 
 import json
 import os
@@ -18,7 +18,12 @@ from pacnet.datasets.demonstrations import load_demonstrations
 from train.common.pool import share_out
 from train.postural.behaviours.episodes import ONE, SEVERAL, BehaviourEpisode
 from train.postural.behaviours.figures import naming, novelty
-from train.postural.behaviours.scores import score_novelty, score_recall, score_recognition
+from train.postural.behaviours.scores import (
+    area_under_roc,
+    score_novelty,
+    score_recall,
+    score_recognition,
+)
 from train.postural.episodes import RecallEpisode
 
 PROJECT = Path(__file__).parents[2]
@@ -65,7 +70,7 @@ def make_episode(behaviour: str = "drink", right_from: int = 0, **fields: object
     return BehaviourEpisode(behaviour, recalls, recognition)
 
 
-def test_an_episode_knows_when_it_was_approached_and_when_behaviours_part():
+def test_the_end_of_the_approach_and_the_parting_of_behaviours():
     episode = make_episode()
     assert episode.approached == 8
     assert episode.parting == 10
@@ -88,7 +93,7 @@ def test_the_wrists_are_also_compared_where_the_behaviours_part():
     assert scores["wrist_distance_at_parting_max_m"] == pytest.approx(0.08)
 
 
-def test_naming_is_due_a_tenth_of_an_episode_after_the_parting():
+def test_a_behaviour_should_be_named_within_a_tenth_of_an_episode():
     # Parting at sample 10 of 20, so due at sample 12.
     episodes = [make_episode("drink", 12), make_episode("toast", 13), make_episode("toast", 0)]
     scores = score_recognition(episodes, TAUGHT)
@@ -170,7 +175,7 @@ def test_shared_tasks_come_back_in_their_order(count: int, monkeypatch: pytest.M
 
 
 @pytest.mark.slow
-def test_the_command_leaves_all_that_it_promises(tmp_path: Path):
+def test_the_command_writes_all_documented_files(tmp_path: Path):
     command = [sys.executable, "-m", "train.behaviours", "--seed", "1000", "--episodes", "2"]
     command += ["--demonstrations", "4", "--runs", str(tmp_path)]
     done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
@@ -219,3 +224,25 @@ def test_the_processes_of_a_pool_end_with_their_parent(how: signal.Signals, tmp_
     os.kill(process.pid, how)
     process.communicate(timeout=1800)  # until none of them holds its end of the pipe
     assert process.returncode != 0
+
+
+def test_area_under_roc_equals_counting_all_pairs():
+    generator = np.random.default_rng(0)
+    known, new = generator.integers(0, 6, 40), generator.integers(2, 9, 30)
+    pairs = [1.0 if n > k else 0.5 if n == k else 0.0 for k in known for n in new]
+    assert area_under_roc(known, new) == pytest.approx(np.mean(pairs))
+    assert area_under_roc([0.0, 1.0], [2.0, 3.0]) == 1.0
+    assert area_under_roc([2.0, 3.0], [0.0, 1.0]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("known", "new", "message"),
+    [
+        ([], [1.0], "one or more scores"),
+        ([1.0], [np.nan], "finite new"),
+        ([[1.0]], [1.0], "known as numbers"),
+    ],
+)
+def test_area_under_roc_of_no_scores_is_refused(known: list, new: list, message: str):
+    with pytest.raises(ValueError, match=message):
+        area_under_roc(known, new)

@@ -1,4 +1,4 @@
-"""Correcting an imitator from one command: what it does where, what it learns, what it writes."""
+"""Corrections of an imitator: episodes, what is learned and written, the whole command."""
 
 import json
 import math
@@ -29,7 +29,8 @@ from train.postural.correction.episodes import (
 )
 from train.postural.correction.figures import novelty_over_time
 from train.postural.correction.scores import print_scores, print_turn, score_attempts, score_turn
-from train.postural_imitation import FEATURES, FPS, frames_of, record
+from train.postural.episodes import FPS
+from train.postural.learning import FEATURES, frames_of, record
 
 PROJECT = Path(__file__).parents[2]
 FRAMES = 150
@@ -46,7 +47,7 @@ LATE = tried(Pause(400, "elbow", 0.2, 0.1), success=True)  # it was done by then
 
 
 def seen(seed, glass_x=0.5):
-    """The features of a drink that nobody simulated: slow waves, and a glass."""
+    """Return the features of a made-up drink: slow waves, and a glass."""
     rng = np.random.default_rng(seed)
     phase = np.linspace(0, np.pi, FRAMES)[:, None]
     angles = np.sin(phase * np.linspace(1, 2, 11))
@@ -86,7 +87,7 @@ def corrected(imitator, given, tmp_path_factory):
     return turns, learner, dataset
 
 
-def test_it_is_shown_what_to_do_until_it_does_so(corrected):
+def test_corrections_continue_until_the_imitator_succeeds(corrected):
     turns, imitator, _ = corrected
     assert [turn.place for turn in turns] == [0, *[1] * (3 + correct.ENOUGH)]
     assert [turn.learning is not None for turn in turns] == [
@@ -114,7 +115,7 @@ def test_the_corrections_are_appended_to_the_dataset(corrected, given):
     assert glass_x == pytest.approx([0.5] * 3 + [0.65] * 3, abs=0.01)
 
 
-def test_the_dataset_says_what_was_new_and_done_before_it_was_learned(corrected):
+def test_the_dataset_holds_novelty_and_success_before_learning(corrected):
     *_, dataset = corrected
     columns = {
         name: load_demonstrations(dataset, state=name, environment_state=None).episodes
@@ -131,7 +132,7 @@ def test_the_dataset_says_what_was_new_and_done_before_it_was_learned(corrected)
     assert info["features"]["next.success"]["dtype"] == "bool"
 
 
-def test_what_it_learned_can_be_saved_and_goes_on(corrected, tmp_path):
+def test_a_corrected_imitator_can_be_saved_and_corrected_again(corrected, tmp_path):
     _, imitator, dataset = corrected
     imitator.save_pretrained(tmp_path / "checkpoint")
     loaded = Imitator.from_pretrained(tmp_path / "checkpoint").eval()
@@ -164,7 +165,7 @@ def test_a_pause_is_in_time_before_any_hand_is_at_a_glass(step, contact, in_time
     assert not KNOWN.paused_in_time
 
 
-def test_a_turn_says_what_was_new_and_how_long_learning_took(capsys):
+def test_the_score_of_a_turn_has_the_novel_dimension_and_the_learning_time(capsys):
     print_turn(Turn(0, KNOWN, None))
     print_turn(Turn(1, PAUSED, 0.0421))
     print_turn(Turn(1, tried(), 0.05))
@@ -200,7 +201,7 @@ def test_the_figure_marks_the_pause_and_the_contact():
     assert np.array_equal(lines["new"].get_ydata(), novelty)
     assert lines["new"].get_xdata()[-1] == pytest.approx(149 * 0.02)
     assert to_hex(lines["new"].get_color()) == VERMILION
-    assert lines["its hand at its glass"].get_xdata()[0] == pytest.approx(2.2)
+    assert lines["imitator's hand at its glass"].get_xdata()[0] == pytest.approx(2.2)
     assert [text.get_text() for text in axes.texts] == ["pauses: glass.x"]
     (mark,) = (line for line in axes.lines if line.get_marker() == "o")
     assert mark.get_xdata() == pytest.approx([0.2])
@@ -208,7 +209,7 @@ def test_the_figure_marks_the_pause_and_the_contact():
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_places_are_new_ones_each_and_decided_by_the_seed(count):
+def test_drawn_places_are_apart_and_depend_on_the_seed(count):
     for seed in range(20):
         places = draw_places((seed, 1), count)
         assert len(places) == count
@@ -219,7 +220,7 @@ def test_places_are_new_ones_each_and_decided_by_the_seed(count):
         assert draw_places((seed, 2), count) != places
 
 
-def test_other_places_are_as_far_away_and_not_near_the_corrected_ones():
+def test_other_places_are_away_from_the_corrected_ones():
     for seed in range(20):
         corrected = draw_places((seed, 1), 3)
         place = draw_other_place((seed, 2), corrected)
@@ -228,7 +229,7 @@ def test_other_places_are_as_far_away_and_not_near_the_corrected_ones():
         assert draw_other_place((seed, 2), corrected) == place
 
 
-def test_situations_go_from_place_to_place_each_of_its_own_seed():
+def test_situations_cycle_through_places_with_different_seeds():
     places = draw_places((0, 1), 2)
     drawn = situations((0, 2), places, 6)
     assert [situation.offset for situation in drawn] == places * 3
@@ -237,7 +238,7 @@ def test_situations_go_from_place_to_place_each_of_its_own_seed():
     assert situations((1, 2), places, 6)[0].seed != drawn[0].seed
 
 
-def test_an_imitator_or_a_dataset_of_something_else_is_refused(imitator, given):
+def test_an_imitator_or_a_dataset_of_another_environment_is_refused(imitator, given):
     check(imitator, given)
     names = {"observation.state": ("elbow",), "action": ("motor",)}
     with pytest.raises(ValueError, match="features of the drinking environment at 50 frames"):
@@ -246,11 +247,11 @@ def test_an_imitator_or_a_dataset_of_something_else_is_refused(imitator, given):
         check(imitator, Demonstrations(25, FEATURES, given.episodes))
     with pytest.raises(ValueError, match="learned something"):
         check(Imitator.from_demonstrations(given), given)
-    with pytest.raises(ValueError, match="keeps states"):
+    with pytest.raises(ValueError, match="targets are states"):
         check(Imitator.from_demonstrations(given, "state"), given)
 
 
-def test_a_missing_checkpoint_is_one_line(tmp_path, monkeypatch):
+def test_a_missing_checkpoint_ends_with_one_line(tmp_path, monkeypatch):
     command = ["correct", tmp_path / "none", "--dataset", tmp_path, "--runs", tmp_path / "runs"]
     monkeypatch.setattr(sys, "argv", [*map(str, command)])
     with pytest.raises(SystemExit, match=r"^error: [^\n]*none[^\n]*$"):
@@ -285,7 +286,7 @@ def test_what_was_learned_from_one_demonstration_is_corrected_at_several_places(
 
 
 @pytest.mark.slow
-def test_new_places_are_told_and_corrected_and_known_ones_do_not_suffer(tmp_path):
+def test_corrections_at_new_places_do_not_harm_known_ones(tmp_path):
     _, imitator = taught(tmp_path / "dataset", 0, 8)
     imitator.save_pretrained(tmp_path / "checkpoint")
     command = [sys.executable, "-m", "train.correct", tmp_path / "checkpoint"]

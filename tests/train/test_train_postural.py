@@ -1,4 +1,4 @@
-"""Experiment 1 from one command: what it leaves, that a seed decides it, and that it succeeds."""
+"""Experiment 1: seeds, files of a run, repeatability, success."""
 
 import json
 import os
@@ -63,7 +63,7 @@ def two_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.mark.slow
-def test_a_run_leaves_everything_a_person_wants_to_see(two_runs: list[Path]):
+def test_a_run_writes_all_its_files(two_runs: list[Path]):
     folder = two_runs[0]
     names = {path.name for path in folder.iterdir()}
     assert {"dataset", "checkpoint", "figures", "tensorboard", "metrics.json"} <= names
@@ -135,7 +135,7 @@ def test_the_shipped_checkpoint_says_how_it_was_made():
     assert scores["winner_order_agreement"] >= 0.95
 
 
-def test_a_missing_checkpoint_is_one_line_and_an_exit_code(tmp_path: Path):
+def test_a_missing_checkpoint_ends_with_one_line_and_an_exit_code(tmp_path: Path):
     command = [sys.executable, "-m", "train.recall", str(tmp_path / "nowhere")]
     done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
     assert done.returncode == 1

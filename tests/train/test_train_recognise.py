@@ -5,15 +5,12 @@ import re
 import shlex
 import subprocess
 import sys
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
-from matplotlib import cbook
-from matplotlib.colors import to_hex
 from torch import Tensor
 
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
@@ -22,8 +19,7 @@ from pacnet.competition.recognition import Recognition
 from pacnet.datasets.demonstrations import Demonstration
 from pacnet.datasets.format.info import read_info
 from pacnet.datasets.recorder import Recorder
-from pacnet.evaluation.recognised import Watched, column_names, column_values
-from pacnet.evaluation.recognition_figures import recognition_over_time
+from pacnet.evaluation.recognized import RecognizedEpisode, column_names, column_values
 from train import recognise
 from train.postural.recognition.scores import print_table, score_all, score_episode
 
@@ -50,9 +46,11 @@ def recognised(named: list[int], progress: list[float], novelty: list[float]) ->
     )
 
 
-def watched(task: str, recognition: Recognition, episode: int = 0) -> Watched:
+def watched(task: str, recognition: Recognition, episode: int = 0) -> RecognizedEpisode:
     nothing = torch.zeros(len(recognition.winner), 3)
-    return Watched(Demonstration(episode, task, nothing, nothing[:, :0], nothing), recognition)
+    return RecognizedEpisode(
+        Demonstration(episode, task, nothing, nothing[:, :0], nothing), recognition
+    )
 
 
 RIGHT = watched("drink", recognised([1, 0, 1, 0, 0], [0.0, 0.25, 0.5, 0.75, 0.9], [0.1] * 5))
@@ -71,7 +69,7 @@ def test_scores_of_an_episode_are_those_worked_out_by_hand():
     assert scores["progress_error_mean"] == pytest.approx(0.1 / 5)  # 0.9 in place of 1
 
 
-def test_one_that_is_named_from_the_start_and_never_taught():
+def test_scores_of_an_unknown_task_named_from_the_start():
     scores = score_episode(OTHER, BEHAVIOURS, fps=10)
     assert (scores["task"], scores["named"]) == ("juggle", "drink")
     assert scores["named_from_s"] == scores["named_from_share"] == 0
@@ -84,7 +82,7 @@ def test_an_episode_of_one_frame_has_scores():
     assert score_episode(one, BEHAVIOURS, 10)["progress_error_mean"] == pytest.approx(0.25)
 
 
-def test_totals_count_what_was_taught_and_what_was_not_apart():
+def test_totals_count_known_and_unknown_tasks_separately():
     totals = score_all([RIGHT, WRONG, OTHER], BEHAVIOURS)
     assert (totals["watched"], totals["of_known_tasks"]) == (3, 2)
     assert totals["named_as_recorded_share"] == 0.5
@@ -94,7 +92,7 @@ def test_totals_count_what_was_taught_and_what_was_not_apart():
     assert totals["novel_share_of_other_tasks"] == 1
 
 
-def test_totals_without_a_known_task_are_no_numbers():
+def test_totals_without_a_known_task_are_none():
     totals = score_all([OTHER], BEHAVIOURS)
     assert totals["of_known_tasks"] == 0
     assert totals["named_as_recorded_share"] is totals["progress_error_mean"] is None
@@ -131,126 +129,6 @@ def test_columns_have_a_dimension_for_each_behaviour_and_part_of_a_percept():
     assert values["winner"].ravel().tolist() == [0, 1, 2, 3, 4]
     assert (values["expected_next"] == 0).all()
     assert (values["expected_end"] == 1).all()
-
-
-def panels(recognition: Recognition):
-    return recognition_over_time(recognition, BEHAVIOURS, 0.5, 0.1, "Episode 1").axes
-
-
-def test_shares_of_the_behaviours_fill_the_panel_at_every_sample():
-    shares = panels(RIGHT.recognition)[0].collections
-    assert len(shares) == 2
-    inside = [
-        [area.get_paths()[0].contains_point((0.05 + 0.1 * k, 0.5)) for k in range(5)]
-        for area in shares
-    ]
-    # At half height there is the behaviour of 80 %: the first below, the second above.
-    assert inside == [[False, True, False, True, True], [True, False, True, False, False]]
-
-
-def test_progress_has_the_colour_of_the_behaviour_named():
-    probability, progress = panels(RIGHT.recognition)[:2]
-    colours = [to_hex(area.get_facecolor()[0]) for area in probability.collections]
-    dots = {to_hex(line.get_color()): line.get_xdata() for line in progress.lines[1:]}
-    np.testing.assert_allclose(dots[colours[0]], [0.1, 0.3, 0.4])
-    np.testing.assert_allclose(dots[colours[1]], [0, 0.2])
-    assert colours[0] != colours[1]
-
-
-def test_novel_stretches_are_shaded_and_what_nobody_matches_is_marked():
-    _, progress, novelty, winners = panels(WRONG.recognition)
-    for axes in (progress, novelty, winners):
-        (shade,) = axes.collections
-        edges = shade.get_paths()[0].vertices[:, 0]
-        assert (edges.min(), edges.max()) == pytest.approx((0.1, 0.3))
-    assert novelty.lines[1].get_ydata()[0] == 0.5  # the threshold
-    marks = winners.lines[-1]
-    assert marks.get_marker() == "x"
-    np.testing.assert_allclose(marks.get_xdata(), [0.2])
-    assert [label.get_text() for label in winners.get_yticklabels()] == ["0", "1", "no match"]
-
-
-def test_any_episode_can_be_drawn(tmp_path: Path):
-    rng = np.random.default_rng(0)
-    for samples, behaviours, nodes in ((1, 1, 1), (40, 9, 30)):
-        shares = torch.from_numpy(rng.dirichlet(np.ones(behaviours), samples))
-        zeros = torch.zeros(samples)
-        recognition = Recognition(
-            shares, shares.argmax(1), zeros, zeros, zeros, zeros, zeros > 1,
-            torch.from_numpy(rng.integers(-1, nodes, samples)),
-        )  # fmt: skip
-        names = [f"behaviour {number}" for number in range(behaviours)]
-        figure = recognition_over_time(recognition, names, 0.5, 0.1, "Episode")
-        figure.savefig(tmp_path / "figure.png")
-        (legend,) = figure.legends
-        assert len(legend.get_texts()) == behaviours + 3
-    with pytest.raises(ValueError, match="expected titles of 9 behaviours, got"):
-        recognition_over_time(recognition, names[1:], 0.5, 0.1, "Episode")
-    with pytest.raises(ValueError, match="expected timestep > 0"):
-        recognition_over_time(recognition, names, 0.5, 0.0, "Episode")
-
-
-def test_where_the_robot_would_hold_there_is_a_band_under_the_novelty():
-    acts = np.array([True, False, False, True, True])
-    figure = recognition_over_time(RIGHT.recognition, BEHAVIOURS, 0.5, 0.1, "Episode", acts)
-    novelty = figure.axes[2]
-    _, band = novelty.collections
-    vertices = band.get_paths()[0].vertices
-    assert (vertices[:, 0].min(), vertices[:, 0].max()) == pytest.approx((0.1, 0.3))
-    top = novelty.get_ylim()[0] + vertices[:, 1].max() * np.diff(novelty.get_ylim())[0]
-    assert top < min(novelty.lines[0].get_ydata())
-    assert figure.legends[0].get_texts()[-1].get_text() == "would hold, not act"
-
-
-def test_each_node_has_its_number():
-    winners = torch.arange(100) % 30
-    recognition = recognised([0] * 100, [0.0] * 100, [0.1] * 100)._replace(winner=winners)
-    figure = recognition_over_time(recognition, BEHAVIOURS, 0.5, 0.1, "Episode")
-    labels = figure.axes[-1].get_yticklabels()
-    assert [label.get_text() for label in labels] == [str(node) for node in range(30)]
-    figure.draw_without_rendering()
-    boxes = [label.get_window_extent() for label in labels]
-    assert all(below.y1 < above.y0 + 1 for below, above in pairwise(boxes))  # [pixels]
-
-
-def test_long_names_are_not_cut_off():
-    task = "pick up the {} cube and place it carefully into the box on the far side of the table"
-    names = [task.format(f"{colour} {shade}") for colour in ("red", "blue") for shade in range(6)]
-    recognition = Recognition(
-        torch.full((40, 12), 1 / 12), torch.zeros(40, dtype=torch.int64), *torch.zeros(4, 40),
-        torch.zeros(40, dtype=torch.bool), torch.zeros(40, dtype=torch.int64),
-    )  # fmt: skip
-    figure = recognition_over_time(recognition, names, 0.5, 0.1, f"Episode 3, “{names[0]}”")
-    figure.draw_without_rendering()
-    title = figure.texts[0]
-    for part in (title, *figure.legends[0].get_texts()):
-        box = part.get_window_extent()
-        assert figure.bbox.contains(box.x0, box.y0)
-        assert figure.bbox.contains(box.x1, box.y1)
-    shown = [text.get_text().replace("\n", " ") for text in figure.legends[0].get_texts()]
-    assert shown[:12] == names
-    assert figure.axes[0].get_window_extent().height > 1.1 * figure.dpi  # there is room for all
-
-
-def test_an_episode_of_one_frame_can_be_seen():
-    frame = Recognition(*(value[:1] for value in RIGHT.recognition))
-    figure = recognition_over_time(frame, BEHAVIOURS, 0.5, 0.1, "Episode")
-    for axes in figure.axes[1:]:
-        (dot,) = [line for line in axes.lines if line.get_marker() == "."]
-        assert len(dot.get_xdata()) == 1
-        assert not dot.get_clip_on()  # it lies on the edge
-
-
-def test_names_are_written_as_they_stand(tmp_path: Path):
-    names = ("$x_1$ costs $", "lift\n\ta  cup")
-    title = "Episode 1, “$x_1$ costs $”"
-    figure = recognition_over_time(RIGHT.recognition, names, 0.5, 0.1, title)
-    figure.savefig(tmp_path / "figure.png")  # "$ costs $" would be no formula
-    (legend,) = figure.legends
-    written = [figure.get_suptitle(), *(text.get_text() for text in legend.get_texts()[:2])]
-    assert [cbook.is_math_text(text) for text in written] == [False] * 3
-    shown = [text.replace(r"\$", "$") for text in written]
-    assert shown == [title, names[0], "lift a cup"]
 
 
 def curve(behaviour: str, seed: int, samples: int = 80) -> Tensor:
@@ -315,7 +193,7 @@ def run(checkpoint: Path, dataset: Path, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.mark.slow
-def test_a_run_names_what_it_was_taught_and_leaves_everything(run: Path):
+def test_a_run_names_known_behaviours_and_writes_all_its_files(run: Path):
     scores = json.loads((run / "metrics.json").read_text())
     assert scores["behaviours"] == list(BEHAVIOURS)
     assert (scores["watched"], scores["of_known_tasks"]) == (4, 3)
@@ -376,7 +254,7 @@ def refusal(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> str:
     return message
 
 
-def test_no_checkpoint_and_no_dataset_are_one_line_each(
+def test_a_missing_checkpoint_or_dataset_ends_with_one_line(
     checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     runs = ("--runs", tmp_path / "runs")
@@ -390,7 +268,7 @@ def test_no_checkpoint_and_no_dataset_are_one_line_each(
 
 
 @pytest.mark.slow
-def test_networks_that_cannot_recognise_it_are_one_line_each(
+def test_an_unsuitable_network_ends_with_one_line(
     dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     one_schema_a_node = PACNetConfig(SOFMConfig.paper(3), MotorSchemasConfig(1, 3))
@@ -408,7 +286,7 @@ def test_networks_that_cannot_recognise_it_are_one_line_each(
 
 
 @pytest.mark.slow
-def test_a_dataset_that_cannot_be_copied_is_recognised_all_the_same(
+def test_a_dataset_that_cannot_be_copied_is_still_recognized(
     checkpoint: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -427,9 +305,3 @@ def test_a_dataset_that_cannot_be_copied_is_recognised_all_the_same(
     (folder,) = (tmp_path / "recognise").iterdir()
     assert {path.name for path in folder.iterdir()} == {"figures", "metrics.json"}
     assert json.loads((folder / "metrics.json").read_text())["named_as_recorded_share"] == 1
-
-
-def test_a_novelty_that_has_no_upper_end_stays_within_its_panel():
-    far = RIGHT.recognition._replace(novelty=torch.tensor([0.2, 0.4, 2.0, 9.0, 0.1]))
-    assert panels(far)[2].get_ylim()[1] > 9
-    assert panels(RIGHT.recognition)[2].get_ylim() == (0, 1)

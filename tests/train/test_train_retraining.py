@@ -1,4 +1,4 @@
-"""Spoiled demonstrations from seeds to files: what is drawn, who learns what, what a run leaves."""
+"""Spoiled demonstrations: random draws, policies, scores, files of a run."""
 
 import json
 import os
@@ -22,6 +22,7 @@ from train.postural.episodes import (
     make_environment,
     watch_demonstration,
 )
+from train.postural.learning import NOVELTY_THRESHOLD, make_network
 from train.postural.retraining.replicates import (
     POLICIES,
     UNSPOILED,
@@ -33,7 +34,6 @@ from train.postural.retraining.replicates import (
     teach,
 )
 from train.postural.retraining.report import Outcome, draw, groups, print_tables, summary
-from train.postural_imitation import NOVELTY_THRESHOLD, make_network
 
 OVERWRITING, SEVERAL = "overwriting", "several_schemas"
 PROJECT = Path(__file__).parents[2]
@@ -54,7 +54,7 @@ def test_the_share_is_rounded_but_some_are_spoiled_and_not_all(
         assert spoiled_in(replicate) == number
 
 
-def test_every_place_and_every_mishap_is_drawn_alike():
+def test_every_demonstration_and_every_mishap_is_equally_likely():
     replicates = draw_replicates(1000, 600, 10, 0.2)
     places = Counter(
         place
@@ -77,7 +77,7 @@ def test_fewer_replicates_are_the_first_of_more_and_no_two_share_a_seed():
     assert draw_replicates(1001, 3, 10, 0.2) != many[:3]
 
 
-def test_a_policy_is_shown_all_in_the_order_drawn_or_the_spoiled_last_or_none_of_them():
+def test_the_order_of_demonstrations_of_each_policy():
     replicate = Replicate(1, (None, "miss", None, "tremor", None))
     shown = {policy: shown_to(POLICIES[policy], replicate) for policy in POLICIES}
     for policy in (OVERWRITING, SEVERAL):
@@ -125,7 +125,7 @@ def test_each_network_learns_what_it_is_shown(replicate: Replicate, dataset: Pat
 
 
 @pytest.mark.slow
-def test_the_networks_of_a_replicate_differ_in_their_schemas_alone(
+def test_the_networks_of_a_replicate_differ_only_in_their_schemas(
     replicate: Replicate, dataset: Path, tmp_path: Path
 ):
     maps = []
@@ -258,7 +258,7 @@ def two_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.mark.slow
-def test_a_run_leaves_everything_a_person_wants_to_see(two_runs: list[Path]):
+def test_a_run_writes_all_its_files(two_runs: list[Path]):
     folder = two_runs[0]
     names = {path.name for path in folder.iterdir()}
     assert names == {"dataset", "checkpoint", "figures", "tensorboard", "metrics.json"}

@@ -19,14 +19,14 @@ from train.common.runs import (
 )
 
 
-def test_two_runs_of_the_same_second_have_folders_of_their_own(tmp_path):
+def test_two_runs_in_the_same_second_have_different_folders(tmp_path):
     folders = {make_run_folder("drink", seed=3, runs=tmp_path) for _ in range(4)}
     assert len(folders) == 4
     assert all(folder.is_dir() and "-seed3" in folder.name for folder in folders)
     assert {folder.parent for folder in folders} == {tmp_path / "drink"}
 
 
-def test_the_command_gives_the_same_arguments_back():
+def test_the_command_parses_to_the_same_arguments():
     parser = make_parser("train.recall", "text", episodes=20)
     parser.add_argument("checkpoint")
     parser.add_argument("--pace", type=factor, default=1.0)
@@ -64,7 +64,7 @@ def test_an_argument_out_of_range_is_named(kind, text):
         kind(text)
 
 
-def test_a_checkpoint_that_is_not_there_ends_the_script_with_one_line(tmp_path):
+def test_a_missing_checkpoint_ends_the_script_with_one_line(tmp_path):
     with pytest.raises(SystemExit, match=r"^error: expected a checkpoint folder[^\n]*$"):
         load_or_exit(tmp_path / "nowhere", 2, 1)
 

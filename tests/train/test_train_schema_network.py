@@ -1,4 +1,4 @@
-"""The paper's Figure 2 from one command: the cut, its scores by hand, what a run leaves."""
+"""The paper's Figure 2: segmentation, scores by hand, files of a run."""
 
 import json
 import subprocess
@@ -85,7 +85,7 @@ def test_every_part_wins_where_it_was_cut_from():
     assert winners.tolist() == list(SCHEMAS["drink"])
 
 
-def test_a_margin_changes_the_competition_alone():
+def test_a_margin_changes_only_the_competition():
     network = make_schema_network(shown())
     held = with_margin(network, 0.25)
     assert held.config.competition.margin == 0.25
@@ -95,7 +95,7 @@ def test_a_margin_changes_the_competition_alone():
         assert torch.equal(tensor, network.state_dict()[name]), name
 
 
-def test_seeds_are_dealt_out_once_and_never_shared_with_demonstrations():
+def test_seeds_are_used_once_and_never_shared_with_demonstrations():
     dealt = deal(recall_seeds(0, 9))
     assert dealt == {name: recall_seeds(0, 9)[place::3] for place, name in enumerate(SCHEMAS)}
     assert [seeds[0] for seeds in deal(recall_seeds(0, 3)).values()] == recall_seeds(0, 3)
@@ -119,7 +119,7 @@ def runs(*pairs: tuple[int, int]) -> np.ndarray:
     return np.concatenate([np.full(length, winner) for winner, length in pairs])
 
 
-def test_the_order_of_medians_does_not_mind_flickers_and_returns():
+def test_the_order_of_medians_is_robust_against_flicker_and_returns():
     won = runs((1, 30), (8, 1), (6, 1), (1, 1), (6, 20), (7, 20), (2, 9), (8, 20), (6, 5), (9, 20))
     assert order_of_medians(won, SCHEMAS["toast"]) == (1, 6, 7, 8, 9)
     assert order_of_medians(won, SCHEMAS["drink"]) == (1,)  # 2 won too little to count
@@ -127,7 +127,7 @@ def test_the_order_of_medians_does_not_mind_flickers_and_returns():
     assert order_of_medians(swapped, SCHEMAS["toast"]) == (1, 7, 6, 8, 9)
 
 
-def test_the_strict_order_allows_the_alternation_in_the_grasp_alone():
+def test_the_strict_order_allows_only_the_alternation_in_the_grasp():
     won = runs((1, 9), (2, 3), (6, 3), (2, 3), (6, 9), (4, 2), (7, 9), (8, 9), (9, 9))
     assert strict_order(won, SCHEMAS["toast"]) == (1, 6, 7, 8, 9)
     assert strict_order(won, SCHEMAS["drink"]) == (1, 2, 7, 8, 9)
@@ -150,7 +150,7 @@ def hand_made() -> list[Episode]:
 
 def test_scores_of_any_system_by_hand():
     scores = score_system(hand_made(), SCHEMA_NETWORK)
-    # Switches: 1|2|6|4|2|6 are five, 1|6 is one. Nobody wins 2 of 20 samples, then none of 20.
+    # Switches: 1|2|6|4|2|6 are five, 1|6 is one. 2 of 20 samples have no winner, then none.
     assert scores == {
         "switches": 3.0, "nobody_share": pytest.approx(0.05), "task_success_rate": 0.5
     }  # fmt: skip
@@ -225,7 +225,7 @@ def two_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.mark.slow
-def test_attention_switches_and_repeats_less_than_schemas_given_by_hand(two_runs: list[Path]):
+def test_pacnet_switches_and_repeats_less_than_schemas_made_by_hand(two_runs: list[Path]):
     scores = json.loads((two_runs[0] / "metrics.json").read_text())
     assert set(scores["systems"]) == set(SYSTEMS)
     assert scores["switches_pacnet_to_schema_network"]["all"] <= 1 / 3
@@ -241,7 +241,7 @@ def test_attention_switches_and_repeats_less_than_schemas_given_by_hand(two_runs
 
 
 @pytest.mark.slow
-def test_a_run_leaves_everything_a_person_wants_to_see(two_runs: list[Path]):
+def test_a_run_writes_all_its_files(two_runs: list[Path]):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     folder = two_runs[0]
@@ -265,7 +265,7 @@ def test_the_same_seed_gives_the_same_bytes(two_runs: list[Path]):
 
 
 @pytest.mark.slow
-def test_what_the_imitator_does_does_not_show_in_its_percepts():
+def test_the_imitators_movement_does_not_change_its_percepts():
     environment = make_environment(Condition())
     resting = watch(environment, seed=1000)
     observation, _ = environment.reset(seed=1000)

@@ -1,4 +1,4 @@
-"""Figures of Experiment 2 draw what they are given: places, colours by cluster, labels."""
+"""Figures of Experiment 2: positions, colours by cluster, labels."""
 
 import io
 
@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import same_color, to_hex
 from matplotlib.figure import Figure
 
-from pacnet.evaluation.map_figures import BLUE, GREY, INK, VERMILION
+from pacnet.evaluation.figure_style import BLUE, GREY, INK, VERMILION
 from train.walls import figures
 from train.walls.forward_model_figures import calibration, fit_curves
 from train.walls.scores import LEFT, NO_WALL, RIGHT
@@ -261,7 +261,7 @@ def test_conditions_have_bars_whiskers_numbers_and_what_is_wanted():
     assert legend_of(figure) == ["wanted at least"]
 
 
-def test_nothing_wanted_is_nothing_marked():
+def test_without_goals_nothing_is_marked():
     figure = figures.conditions(TABLE)
     assert not figure.legends
     assert all(not axes.collections[-1].get_segments() for axes in figure.axes)
@@ -281,7 +281,7 @@ def test_fit_curves_mark_the_epoch_of_the_least_validation_loss():
 @pytest.mark.parametrize(
     ("name", "position", "value", "message"),
     [
-        ("clusters_on_components", 0, cloud(4, 3), r"nodes of shape \['any', 2\]"),
+        ("clusters_on_components", 0, cloud(4, 3), r"nodes as numbers \[N, 2\]"),
         ("clusters_on_components", 1, [[0, 4]], "edges between nodes 0 to 3"),
         ("clusters_on_components", 1, [[-1, 2]], "edges between nodes 0 to 3"),
         ("clusters_on_components", 2, np.full((5, 2), np.nan), "finite percepts"),
@@ -290,19 +290,19 @@ def test_fit_curves_mark_the_epoch_of_the_least_validation_loss():
         ("activations_over_time", 0, np.array([4]), "winners below 4 nodes, got 4"),
         ("activations_over_time", 0, np.zeros(3), "winners as integers"),
         ("activations_over_time", 2, 0.0, "timestep > 0"),
-        ("trajectory", 0, [np.zeros((4, 3))], r"walls of shape \['any', 2\]"),
-        ("trajectory", 1, cloud(5, 2), r"poses of shape \['any', 3\]"),
-        ("trajectory", 2, np.zeros(4), r"wall_side of shape \[5\]"),
+        ("trajectory", 0, [np.zeros((4, 3))], r"walls as numbers \[P, 2\]"),
+        ("trajectory", 1, cloud(5, 2), r"poses as numbers \[T, 3\]"),
+        ("trajectory", 2, np.zeros(4), r"wall_side as numbers \[5\]"),
         ("trajectory", 2, np.full(5, 2), "sides -1, 0 or 1"),
-        ("trajectory", 3, np.ones(6), r"commanded of shape \[5\]"),
-        ("calibration", 1, cloud(299, 6), r"true of shape \[300, 6\]"),
-        ("calibration", 2, SENSORS[:5], r"predicted of shape \['any', 5\]"),
+        ("trajectory", 3, np.ones(6), r"commanded as numbers \[5\]"),
+        ("calibration", 1, cloud(299, 6), r"true as numbers \[300, 6\]"),
+        ("calibration", 2, SENSORS[:5], r"predicted as numbers \[T, 5\]"),
         ("conditions", 0, {}, "conditions with"),
         ("conditions", 0, {"recall": {"wf": (1, 0)}}, "conditions with"),
         ("conditions", 0, {"recall": {"wf": (np.nan, 0), "tight": (1, 0)}}, "finite wf"),
         ("conditions", 1, {"another": {"wf": 1}}, "wanted conditions out of"),
         ("fit_curves", 0, [0.1, 0.0, 0.1], "losses > 0"),
-        ("fit_curves", 1, [0.1], r"validation_loss of shape \[3\]"),
+        ("fit_curves", 1, [0.1], r"validation_loss as numbers \[3\]"),
     ],
 )
 def test_bad_input_is_refused(name, position, value, message):

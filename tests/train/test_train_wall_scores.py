@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from train.common.summary import summarise
 from train.walls.scores import (
     LEFT,
     NO_WALL,
@@ -25,7 +26,6 @@ from train.walls.scores import (
     side_continuity,
     side_kept,
     sides_share,
-    summarise,
     tight,
     wf,
 )
@@ -55,7 +55,7 @@ def test_a_run_like_the_teachers_scores_one():
     assert [wf(run), tight(run), energy(run)] == pytest.approx([1, 1, 1])
 
 
-def test_a_robot_that_stands_at_the_right_distance_earns_nothing():
+def test_a_robot_that_stands_still_has_no_energy():
     run = make_run(progress=np.zeros(10))
     assert [wf(run), tight(run), energy(run)] == [0, 0, 0]
 
@@ -91,14 +91,14 @@ SIDES = np.array([1, 1, 0, 1, -1, -1, 1, 1])
 STRIDES = np.array([6, 6, 6, 2.9, 6, 6, 2.9, 6]) / 1000  # along walls: 1 1 . . -1 -1 . 1
 
 
-def test_side_kept_counts_the_steps_along_walls_alone():
+def test_side_kept_counts_only_steps_along_walls():
     run = make_run(8, wall_side=SIDES, progress=STRIDES)
     assert side_kept(run, 1) == pytest.approx(3 / 5)
     assert side_kept(run, -1) == pytest.approx(2 / 5)
     assert sides_share(run) == {LEFT: side_kept(run, 1), RIGHT: side_kept(run, -1)}
 
 
-def test_continuity_and_changes_see_through_what_lies_between_walls():
+def test_continuity_and_changes_skip_steps_between_walls():
     run = make_run(8, wall_side=SIDES, progress=STRIDES)
     assert side_continuity(run) == pytest.approx(2 / 4)
     assert side_changes(run) == pytest.approx(1000 * 2 / 8)

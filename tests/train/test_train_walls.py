@@ -1,4 +1,4 @@
-"""Experiment 2 from seeds to files: what is learned, what each variant lacks, what runs leave."""
+"""Experiment 2: what is learned, what each variant lacks, files of a run."""
 
 import dataclasses
 import json
@@ -27,6 +27,7 @@ from pacnet.datasets.recorder import Recorder
 from train import forward_model, wall_following
 from train.common.learning_log import LearningLog
 from train.common.runs import UNSEEN_ARENAS
+from train.common.summary import summarise
 from train.walls import conditions as wall_conditions
 from train.walls import episodes as wall_episodes
 from train.walls import learning as wall_learning
@@ -61,7 +62,7 @@ from train.walls.learning import (
     record_wandering,
     teach,
 )
-from train.walls.scores import name_clusters, summarise
+from train.walls.scores import name_clusters
 from train.walls.variants import Learned, Repeat
 
 PROJECT = Path(__file__).parents[2]
@@ -140,7 +141,7 @@ def test_wandering_following_testing_and_acting_alone_never_share_a_seed():
     assert len({alone_seed(seed) for seed in range(20)}) == 20
 
 
-def test_a_run_alone_keeps_what_was_seen_before_and_where_it_was_after_each_step():
+def test_a_run_alone_records_percepts_before_and_poses_after_each_step():
     driver, counted = Straight(), []
     run = act_alone(driver, Place("paper"), 5, 12, counted.append)
     np.testing.assert_array_equal(run.percepts, driver.seen)
@@ -184,7 +185,7 @@ def test_same_seed_same_transitions(make: Callable[[int], Transitions]):
 
 
 @pytest.mark.parametrize(("side", "beside"), [("left", 0), ("right", 5)])
-def test_who_follows_sees_the_wall_on_the_teachers_side(side: str, beside: int):
+def test_a_follower_sees_the_wall_on_the_teachers_side(side: str, beside: int):
     percepts = follow("paper", side, 2, 300).percepts
     assert percepts[:20].max() < 0.2  # it begins in the open
     assert percepts[150:, beside].mean() > 0.3
@@ -214,7 +215,7 @@ class Once:
         self.calls += 1
         action = np.array(self.action, np.float32) if self.calls == 1 else None
         target = np.zeros(6, np.float32)
-        return Decision(action, target, 7, 1.0, novelty=False, position=0, schema=7)
+        return Decision(target, True, 7, 1.0, False, 0, 7, action, action is not None)
 
 
 def test_a_network_that_knows_nothing_wanders():
@@ -229,9 +230,9 @@ def test_a_network_that_knows_nothing_wanders():
     assert other.poses.tobytes() != runs[1].poses.tobytes()
 
 
-def test_what_is_new_to_a_taught_network_makes_it_wander(learned: Learned):
+def test_a_trained_network_wanders_at_novel_percepts(learned: Learned):
     novel = np.ones(6, np.float32)  # touching on all sides
-    assert learned.network.recall(torch.from_numpy(novel)[None]).novelty.item()
+    assert learned.network.recall(torch.from_numpy(novel)[None]).is_novel.item()
     recalling, wandering = Recalling(learned.network, 4), Wandering(4)
     for _ in range(50):
         driven, alone = recalling.drive(novel), wandering.drive(novel)
@@ -239,7 +240,7 @@ def test_what_is_new_to_a_taught_network_makes_it_wander(learned: Learned):
         assert driven[1:] == (NO_NODE, False, False)
 
 
-def test_a_network_drives_where_it_gives_an_action_and_the_robot_goes_on_with_it():
+def test_the_robot_wanders_on_with_the_last_action_of_the_network():
     network = Once((0.4, 0.6))
     recalling = Recalling(network, seed=1)  # with which no run ends in the next two steps
     first, *later = (recalling.drive(np.zeros(6, np.float32)) for _ in range(3))
@@ -284,7 +285,7 @@ def test_both_sides_are_taught_in_their_order(learned: Learned):
         assert (left > right) == (TAUGHT_SIDES[episode.side] == "left")
 
 
-def test_what_was_learned_on_one_side_is_kept_while_the_other_is_learned(learned: Learned):
+def test_learning_one_side_keeps_what_was_learned_on_the_other(learned: Learned):
     """A new learning episode would clear what a node holds when it wins again."""
     left_alone = make_network(fitted_model(learned))
     teach(left_alone, [episode for episode in learned.episodes if episode.side == 0])
@@ -296,7 +297,7 @@ def test_what_was_learned_on_one_side_is_kept_while_the_other_is_learned(learned
     assert won_again > 0
 
 
-def test_datasets_give_back_what_was_done(tmp_path: Path, learned: Learned):
+def test_datasets_read_back_as_recorded(tmp_path: Path, learned: Learned):
     record_wandering(tmp_path / "wandering", "paper", SEED, 400)
     wandering = load_wandering(tmp_path / "wandering")
     for written, kept in zip(wandering, learned.wandering, strict=True):
@@ -310,7 +311,7 @@ def test_datasets_give_back_what_was_done(tmp_path: Path, learned: Learned):
     assert [one.task for one in demonstrations] == [f"follow the {side} wall" for side in sides]
 
 
-def test_wandering_is_cut_into_episodes_of_like_length_that_say_what_is_done(
+def test_wandering_is_cut_into_episodes_of_similar_length_with_a_task(
     tmp_path: Path, learned: Learned
 ):
     record_wandering(tmp_path / "wandering", "paper", SEED, 400)
@@ -321,7 +322,7 @@ def test_wandering_is_cut_into_episodes_of_like_length_that_say_what_is_done(
     assert {one.task for one in episodes} == {"wander around and turn away from walls"}
 
 
-def test_what_a_checker_would_take_for_glitches_is_there_without_noise(
+def test_jumping_readings_are_not_due_to_noise(
     monkeypatch: pytest.MonkeyPatch,
 ):
     """The reason that is given in the dataset for readings that jump and come back."""
@@ -381,7 +382,7 @@ def test_what_is_learned_from_the_records_is_what_a_replicate_learns(
     )
 
 
-def test_learning_in_stretches_is_learning_at_once(learned: Learned, monkeypatch):
+def test_learning_in_chunks_equals_learning_at_once(learned: Learned, monkeypatch):
     monkeypatch.setattr(wall_learning, "CHUNK", 10_000)
     network = make_network(fitted_model(learned))
     teach(network, learned.episodes)
@@ -459,8 +460,8 @@ def test_changed_targets_keep_their_cues_and_the_map(learned: Learned):
         percepts = learned.episodes[0].percepts
         before, after = learned.network.recall(percepts), network.recall(percepts)
         assert after.winner.equal(before.winner)
-        assert after.commanded.equal(before.commanded)
-        assert not after.targets[after.commanded].equal(before.targets[after.commanded])
+        assert after.has_target.equal(before.has_target)
+        assert not after.target[after.has_target].equal(before.target[after.has_target])
 
 
 def test_a_nodes_mean_action_is_that_of_the_percepts_it_learned(learned: Learned):
@@ -484,7 +485,7 @@ def test_a_nodes_mean_action_is_that_of_the_percepts_it_learned(learned: Learned
     assert checked >= 2
 
 
-def test_a_nodes_mean_action_is_acted_as_it_is(learned: Learned):
+def test_a_nodes_mean_action_is_used_unchanged(learned: Learned):
     network = wall_variants.mean_action(learned)
     assert isinstance(network.forward_model, Repeat)
     percepts = learned.episodes[0].percepts
@@ -683,7 +684,7 @@ def test_replicates_in_the_pool_are_those_of_this_process():
 # Report
 
 
-def test_what_is_drawn_counts_the_nodes_of_each_cluster(learned: Learned):
+def test_scores_count_the_nodes_of_each_cluster(learned: Learned):
     recalled = act_alone(Recalling(learned.network, SEED), Place("paper"), 0, 60)
     figures, scores = wall_report.draw(learned.network, learned.episodes, recalled, "paper")
     assert figures.keys() == {"percepts", "map", "activations", "path"}
@@ -740,7 +741,7 @@ def test_a_model_that_predicts_a_share_of_the_change(learned: Learned, share: fl
     assert scores == pytest.approx(dict.fromkeys(names, r2), abs=1e-6)
 
 
-def test_predictions_are_the_models_beside_what_happened(learned: Learned):
+def test_predictions_hold_predicted_and_true_changes(learned: Learned):
     predicted, true = forward_model.predict(fitted_model(learned), learned.wandering)
     assert predicted.shape == true.shape == (399, 6)
     np.testing.assert_array_equal(true, np.diff(learned.wandering.percepts, axis=0))
@@ -760,7 +761,7 @@ def parse(module: object, *arguments: str) -> object:
         return module.parse_arguments()  # pyright: ignore
 
 
-def test_what_is_done_by_default():
+def test_default_arguments():
     assert vars(parse(wall_following)) == {
         "seed": 0, "runs": "runs", "arena": "paper", "steps": 30_000, "replicates": 1,
         "condition_steps": 2500,
@@ -808,7 +809,7 @@ def test_help_says_what_a_command_does_and_takes(module, options, capsys):
         (forward_model, ["--arena", "10003"], "--arena: expected paper or a seed below 10000"),
     ],
 )
-def test_bad_arguments_are_one_line_and_exit_code_2(module, arguments, message, capsys):
+def test_bad_arguments_end_with_one_line_and_exit_code_2(module, arguments, message, capsys):
     with pytest.raises(SystemExit) as ended:
         parse(module, *arguments)
     assert ended.value.code == 2
@@ -887,7 +888,7 @@ def walls_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 
 @pytest.mark.slow
-def test_a_run_leaves_everything_a_person_wants_to_see(walls_run: tuple[Path, str]):
+def test_a_run_writes_all_its_files(walls_run: tuple[Path, str]):
     folder, said = walls_run
     assert {path.name for path in folder.iterdir()} == {
         "wandering", "forward_model", "dataset", "checkpoint", "figures", "tensorboard",
@@ -943,7 +944,7 @@ def test_datasets_and_checkpoints_of_a_run_load_and_belong_together(walls_run: t
 
 
 @pytest.mark.slow
-def test_independent_checkers_warn_of_nothing(walls_run: tuple[Path, str]):
+def test_independent_checkers_find_nothing(walls_run: tuple[Path, str]):
     assert_clean(walls_run[0] / "wandering")
     # A finding that is expected still costs 5 of 100 points in each episode that it is in.
     assert_clean(walls_run[0] / "dataset", fail_under=90)
@@ -1028,7 +1029,7 @@ def test_ctrl_c_while_replicates_run_ends_them_too(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_while_fitting_keeps_the_dataset_alone(tmp_path: Path):
+def test_ctrl_c_while_fitting_keeps_the_dataset(tmp_path: Path):
     interrupt("forward_model", "fitting:", tmp_path)
     folder = only_run(tmp_path)
     assert len(load_wandering(folder / "dataset").percepts) == wall_learning.TRANSITIONS

@@ -1,4 +1,4 @@
-"""Videos read back with the frames, the size and the pace they were written with."""
+"""Videos read back with the frames, the size and the frame rate that were written."""
 
 import av
 import numpy as np
@@ -53,12 +53,12 @@ def test_same_frames_same_bytes(tmp_path, write, name):
     assert write(film(), tmp_path / f"2{name}", 25).read_bytes() == first
 
 
-def test_a_pace_between_whole_numbers_is_kept(tmp_path):
+def test_a_fractional_frame_rate_is_kept(tmp_path):
     assert read_mp4(write_mp4(film(), tmp_path / "film.mp4", 12.5))[1] == 12.5
 
 
 @pytest.mark.parametrize(("write", "name"), WRITERS)
-def test_one_frame_is_a_film(tmp_path, write, name):
+def test_a_video_may_have_one_frame(tmp_path, write, name):
     assert write(film(1), tmp_path / name, 10).stat().st_size > 0
 
 
@@ -84,7 +84,7 @@ def changing_size():
         (lambda: [np.zeros((4, 4), np.uint8)], ValueError, r"got uint8 \(4, 4\)"),
     ],
 )
-def test_what_breaks_off_leaves_the_old_file_and_no_other(
+def test_an_interrupted_write_keeps_the_old_file_and_leaves_no_other(
     tmp_path, write, name, frames, error, message
 ):
     (tmp_path / name).write_bytes(b"the film before")
@@ -103,11 +103,11 @@ def test_mp4_refuses_odd_sizes_which_a_gif_takes(tmp_path):
 
 @pytest.mark.parametrize(("write", "name"), WRITERS)
 @pytest.mark.parametrize("fps", [0, -1, 1e-6, float("nan"), float("inf")])
-def test_bad_pace_is_refused(tmp_path, write, name, fps):
+def test_a_bad_frame_rate_is_refused(tmp_path, write, name, fps):
     with pytest.raises(ValueError, match="expected fps from"):
         write(film(), tmp_path / name, fps)
 
 
-def test_gif_refuses_a_pace_that_viewers_do_not_keep(tmp_path):
+def test_gif_refuses_a_frame_rate_that_viewers_do_not_keep(tmp_path):
     with pytest.raises(ValueError, match="up to 50"):
         write_gif(film(), tmp_path / "film.gif", 60)

@@ -1,6 +1,6 @@
-"""Declares in a dataset what a checker finds in it and is meant to be so, with the reason.
+"""Declares which findings of the checker `rdq` are expected in a dataset, and why.
 
-The checker `rdq` reads `meta/rdq_expected.yaml`; what is declared there is no warning any more.
+`rdq` reads `meta/rdq_expected.yaml` and does not warn about the findings declared there.
 """
 
 import json
@@ -9,22 +9,22 @@ from pathlib import Path
 
 from pacnet.core.durable import write_atomically
 
-PLACE = "meta/rdq_expected.yaml"
+FILE = "meta/rdq_expected.yaml"
 
 
 def expect_findings(
     dataset: Path, checks: str, reason: str, episodes: Sequence[int] | None = None
 ) -> None:
-    """Declares the findings of a dataset, in place of any that were declared before.
+    """Declare findings of a dataset as expected, replacing any that were declared before.
 
     Args:
-        dataset: its folder.
-        checks: pattern of the checks' names, such as `episodes.spikes*`.
-        reason: why it is so, in words.
-        episodes: numbers of those that are meant; all if left out.
+        dataset: Its folder.
+        checks: Pattern of the checks' names, such as `episodes.spikes*`.
+        reason: Why they are expected, in words.
+        episodes: Numbers of the episodes concerned; default all.
     """
     declared = {"checks": [checks], "reason": reason}
     if episodes is not None:
         declared["episodes"] = list(episodes)
-    text = json.dumps([declared], indent=2, ensure_ascii=False)  # which is YAML as well
-    write_atomically(dataset / PLACE, f"{text}\n".encode())
+    text = json.dumps([declared], indent=2, ensure_ascii=False)  # JSON is valid YAML
+    write_atomically(dataset / FILE, f"{text}\n".encode())

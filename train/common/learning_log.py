@@ -16,10 +16,10 @@ logging.getLogger("tensorboard").setLevel(logging.ERROR)
 
 
 class LearningLog:
-    """Writes one run's log; a context manager.
+    """Write one run's log; a context manager.
 
     Args:
-        folder: of the log.
+        folder: Of the log.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -28,19 +28,19 @@ class LearningLog:
         self._insertions = 0
 
     def __enter__(self) -> LearningLog:
-        """The open log."""
+        """Return the open log."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Closes the log."""
+        """Close the log."""
         self._writer.close()
 
     def observed(self, sofm: HabituatingSOFM, record: Observation) -> None:
-        """Scalars after a stretch of learning.
+        """Write scalars after a stretch of learning.
 
         Args:
-            sofm: the map that learned.
-            record: of the samples since the last call.
+            sofm: The map that learned.
+            record: Of the samples since the last call.
         """
         self._samples += len(record.winner)
         self._insertions += int(record.inserted.sum())
@@ -54,42 +54,38 @@ class LearningLog:
             self._writer.add_scalar(name, value, self._samples)
 
     def losses(self, losses: Sequence[tuple[float, float]]) -> None:
-        """Learning curves of a fit.
+        """Write the learning curves of a fit.
 
         Args:
-            losses: training and validation loss after each epoch.
+            losses: Training and validation loss after each epoch.
         """
         for epoch, (train_loss, validation_loss) in enumerate(losses, start=1):
             self._writer.add_scalar("fit/train_loss", train_loss, epoch)
             self._writer.add_scalar("fit/validation_loss", validation_loss, epoch)
 
     def scores(self, scores: Mapping[str, float | int], group: str = "recall") -> None:
-        """The run's final scores.
+        """Write the run's final scores.
 
         Args:
-            scores: by name.
-            group: under which they are shown.
+            scores: Name -> value.
+            group: Under which they are shown.
         """
         for name, value in scores.items():
             self._writer.add_scalar(f"{group}/{name}", value, self._samples)
 
-    def picture(self, name: str, path: Path) -> None:
-        """A picture as it lies on disk; tensorboard plays an animated GIF.
-
-        Args:
-            name: of the picture.
-            path: a PNG or GIF file.
-        """
-        image = Summary.Image(encoded_image_string=path.read_bytes())
-        summary = Summary(value=[Summary.Value(tag=name, image=image)])
-        self._writer.file_writer.add_summary(summary, self._samples)  # pyright: ignore
+    def pictures(self, *paths: Path) -> None:
+        """Write PNG or GIF files as they are; tensorboard plays animated GIFs."""
+        for path in paths:
+            image = Summary.Image(encoded_image_string=path.read_bytes())
+            summary = Summary(value=[Summary.Value(tag=path.stem, image=image)])
+            self._writer.file_writer.add_summary(summary, self._samples)  # pyright: ignore
 
     def projector(self, sofm: HabituatingSOFM, columns: Sequence[str]) -> None:
-        """The nodes in the projector, each with its number and its prototype's values.
+        """Write the nodes for the projector, each with its number and its prototype's values.
 
         Args:
-            sofm: the map.
-            columns: name of each dimension of a percept.
+            sofm: The map.
+            columns: Name of each dimension of a percept.
         """
         prototypes = sofm.prototypes
         values = [[f"{value:.3f}" for value in prototype] for prototype in prototypes.tolist()]

@@ -1,4 +1,4 @@
-"""Shares tasks out among all usable cores; the number of cores changes nothing in the results."""
+"""Runs tasks on all usable cores; the results do not depend on the number of cores."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from tqdm import tqdm
 from pacnet.kernels.threads import use_one_thread
 from train.common.runs import usable_cores
 
-_WORTH_A_POOL = 30  # tasks; fewer are over before the processes of a pool have started
+_WORTH_A_POOL = 30  # tasks; fewer finish before the processes of a pool have started
 
 
 class Worker(Protocol):
-    """What runs one task after the other; each process has its own."""
+    """Run one task after the other; each process has its own worker."""
 
     def run(self, task: Any) -> Any:
-        """The result of one task, decided by it alone."""
+        """Return the result of one task, which depends on the task alone."""
         ...
 
 
@@ -35,14 +35,14 @@ def share_out(
     label: str,
     unit: str = "episode",
 ) -> list[Any]:
-    """The results of all tasks, in their order, under a progress bar.
+    """Return the results of all tasks, in their order, with a progress bar.
 
     Args:
-        make_worker: called in each process; found by its name in its module.
-        arguments: for it.
-        tasks: what the workers run.
-        label: of the progress bar.
-        unit: a task is one of.
+        make_worker: Called in each process; must be importable by name from its module.
+        arguments: Of `make_worker`.
+        tasks: What the workers run.
+        label: Of the progress bar.
+        unit: Of the progress bar: what a task is.
     """
     results = []
     with tqdm(total=len(tasks), desc=label, unit=unit) as progress:
@@ -66,18 +66,18 @@ def _results(
 def processes(
     begin: Callable[..., None] | None = None, arguments: tuple[Any, ...] = ()
 ) -> Iterator[ProcessPoolExecutor]:
-    """A pool on all usable cores, whose processes end with the block or with this process.
+    """Yield a pool on all usable cores; its processes end with the block or with this process.
 
     Args:
-        begin: called in each process when it starts.
-        arguments: for it.
+        begin: Called in each process when it starts.
+        arguments: Of `begin`.
     """
     spawn = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(usable_cores(), spawn, _start, (begin, arguments))
     try:
         yield pool
     except BaseException:
-        # The executor's thread may stumble over futures that were cancelled; nobody needs to know.
+        # The executor's thread may raise on cancelled futures; hide that.
         threading.excepthook = lambda _: None
         for process in multiprocessing.active_children():
             process.terminate()
@@ -87,8 +87,8 @@ def processes(
 
 
 def _start(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
-    sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115  # their bars would mix with ours
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
+    sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115  # hides their progress bars
     use_one_thread()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if begin is not None:
@@ -96,7 +96,7 @@ def _start(begin: Callable[..., None] | None, arguments: tuple[Any, ...]) -> Non
 
 
 def _end_with_parent() -> None:
-    """Ends this process when its parent was killed: nobody would take the result."""
+    """End this process when its parent was killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join()

@@ -1,4 +1,4 @@
-"""A run's folder and its `metrics.json`: what was run, with which versions, and what came out."""
+"""What every script needs: arguments, the folder of a run, `metrics.json`, checkpoints."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from matplotlib.figure import Figure
 
 from pacnet import PACNet
 
-UNSEEN_ARENAS = 10_000  # seeds of arenas from here on are never taught in
+UNSEEN_ARENAS = 10_000  # first seed of the arenas for tests; none of them is learned in
 _PACKAGES = ("pacnet", "torch", "numpy", "mujoco", "dm-control", "gymnasium", "lerobot")
 
 
 def make_parser(
     module: str, description: str | None, episodes: int | None = None
 ) -> argparse.ArgumentParser:
-    """A parser with the arguments that every script has.
+    """Return a parser with the arguments that every script has.
 
     Args:
-        module: as in `python -m MODULE`.
-        description: of the script.
-        episodes: default number of recall episodes; None for a script without any.
+        module: As in `python -m MODULE`.
+        description: Of the script.
+        episodes: Default number of recall episodes; None for a script without any.
     """
     parser = argparse.ArgumentParser(
         prog=f"python -m {module}",
         description=description,
         formatter_class=_HelpFormatter,
     )
-    parser.add_argument("--seed", type=natural, default=0, help="decides every draw of the run")
+    parser.add_argument("--seed", type=natural, default=0, help="seed of all random numbers")
     if episodes is not None:
         parser.add_argument(
             "--episodes", type=positive, default=episodes, help="new episodes to recall and score"
@@ -48,49 +48,49 @@ def make_parser(
 
 
 def natural(text: str) -> int:
-    """An argument that is an integer ≥ 0."""
+    """Parse an integer ≥ 0."""
     return _integer(text, 0)
 
 
 def positive(text: str) -> int:
-    """An argument that is an integer ≥ 1."""
+    """Parse an integer ≥ 1."""
     return _integer(text, 1)
 
 
 def factor(text: str) -> float:
-    """An argument that is a number from 0.1 to 10."""
+    """Parse a number from 0.1 to 10."""
     return _number(text, 0.1, 10.0, "a number from 0.1 to 10")
 
 
 def threshold(text: str) -> float:
-    """An argument that is a number in (0, 1)."""
+    """Parse a number in (0, 1)."""
     return _number(text, math.ulp(0.0), 1 - 2**-53, "a number in (0, 1)")
 
 
 def taught_arena(text: str) -> str | int:
-    """An argument that is "paper" or the seed of an arena to learn in."""
+    """Parse "paper" or the seed of an arena to learn in."""
     if text == "paper":
         return text
     seed = natural(text)
     if seed >= UNSEEN_ARENAS:
         raise argparse.ArgumentTypeError(
-            f"expected paper or a seed below {UNSEEN_ARENAS}, got '{text}': those are for tests"
+            f"expected paper or a seed below {UNSEEN_ARENAS}, got '{text}' (reserved for tests)"
         )
     return seed
 
 
 def usable_cores() -> int:
-    """Processes to share work among: the cores that this one may use, at most eight."""
+    """Return the number of processes to use: the cores that this one may use, at most eight."""
     return min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1, 8)
 
 
 def make_run_folder(name: str, seed: int, runs: str | Path = "runs") -> Path:
-    """Makes `runs/NAME/<time>-seed<N>/`; a number follows if that is taken.
+    """Make the folder `runs/NAME/<time>-seed<N>/`; append a number if it exists.
 
     Args:
-        name: of the script.
-        seed: of the run.
-        runs: folder of all runs.
+        name: Of the script.
+        seed: Of the run.
+        runs: Folder of all runs.
     """
     stem = f"{datetime.datetime.now():%Y%m%d-%H%M%S}-seed{seed}"
     for suffix in ("", *(f"-{number}" for number in range(2, 100))):
@@ -102,22 +102,22 @@ def make_run_folder(name: str, seed: int, runs: str | Path = "runs") -> Path:
         except OSError as error:
             raise SystemExit(f"error: expected a folder for runs, got {error}") from error
         return folder
-    raise SystemExit(f"error: expected a free name like '{folder}', all are taken")
+    raise SystemExit(f"error: expected a free name like '{folder}', found none")
 
 
 @contextmanager
 def run_folder(name: str, seed: int, runs: str | Path) -> Iterator[Path]:
-    """A run's new folder; a Ctrl-C in the block ends the script and says what it leaves behind."""
+    """Yield a run's new folder; after Ctrl-C exit and print what the run leaves behind."""
     folder = make_run_folder(name, seed, runs)
     try:
         yield folder
     except KeyboardInterrupt:
-        print(f"\nInterrupted. What was finished is in {folder}", file=sys.stderr)
+        print(f"\nInterrupted. Finished results are in {folder}", file=sys.stderr)
         raise SystemExit(130) from None
 
 
 def command_line(module: str, arguments: argparse.Namespace) -> str:
-    """The command that gives the same numbers again, with its defaults written out."""
+    """Return the command that gives the same numbers again, with its defaults written out."""
     given = {name: value for name, value in vars(arguments).items() if name != "runs"}
     checkpoint = [str(given.pop("checkpoint"))] if "checkpoint" in given else []
     options = [f"--{name.replace('_', '-')} {value}" for name, value in given.items()]
@@ -125,7 +125,7 @@ def command_line(module: str, arguments: argparse.Namespace) -> str:
 
 
 def write_metrics(path: Path, command: str, seed: int, scores: Mapping[str, Any]) -> None:
-    """Writes scores with the command, the seed and the versions that made them."""
+    """Write scores with the command, the seed and the versions that made them."""
     versions = {"python": platform.python_version()}
     versions |= {package: importlib.metadata.version(package) for package in _PACKAGES}
     document = {"command": command, "seed": seed, "versions": versions, **scores}
@@ -133,19 +133,19 @@ def write_metrics(path: Path, command: str, seed: int, scores: Mapping[str, Any]
 
 
 def save_figures(folder: Path, figures: Mapping[str, Figure]) -> None:
-    """Writes each figure as `NAME.png`."""
+    """Write each figure as `NAME.png`."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():
         figure.savefig(folder / f"{name}.png", dpi=150)
 
 
 def load_or_exit(checkpoint: str | Path, percepts: int, targets: int) -> PACNet:
-    """Loads a checkpoint to recall from, or ends the script with one line that says why not.
+    """Load a checkpoint to recall from; if it does not fit, exit with one line that says why.
 
     Args:
-        checkpoint: folder.
-        percepts: length of a percept that it must take.
-        targets: length of a target that it must give.
+        checkpoint: Its folder.
+        percepts: Dimensions of a percept that it must have.
+        targets: Dimensions of a target that it must have.
     """
     try:
         network = PACNet.from_pretrained(checkpoint).eval()
@@ -162,7 +162,7 @@ def load_or_exit(checkpoint: str | Path, percepts: int, targets: int) -> PACNet:
 
 
 class _HelpFormatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
-    """Shows defaults, and the description as it is written."""
+    """Show defaults, and the description without reformatting it."""
 
 
 def _integer(text: str, lowest: int) -> int:

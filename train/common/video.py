@@ -1,4 +1,4 @@
-"""Writes frames as a video: MP4 (H.264, by PyAV) or GIF (by Pillow), complete or not at all."""
+"""Writes frames as a video, MP4 (H.264, by PyAV) or GIF (by Pillow), atomically."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def write_mp4(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float)
     """Write an MP4 that browsers play (H.264, yuv420p).
 
     Args:
-        frames: Pictures [H, W, 3], taken one at a time; H and W even, as yuv420p wants.
-        path: Where the file goes; its folder exists, a file there is replaced at the end.
+        frames: Pictures `[H, W, 3]`, read one at a time; H and W even, as yuv420p requires.
+        path: Of the file, in an existing folder; a file there is replaced at the end.
         fps: Frames a second [1/s].
 
     Returns:
@@ -41,12 +41,12 @@ def write_mp4(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float)
 def write_gif(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float) -> Path:
     """Write a GIF that repeats forever.
 
-    GIF counts time in steps of 10 ms, and a frame equal to the one before only lengthens it.
+    GIF counts time in steps of 10 ms; a frame equal to the one before prolongs it.
 
     Args:
-        frames: Pictures [H, W, 3], taken one at a time.
-        path: Where the file goes; its folder exists, a file there is replaced at the end.
-        fps: Frames a second, up to 50, beyond which viewers slow down [1/s].
+        frames: Pictures `[H, W, 3]`, read one at a time.
+        path: Of the file, in an existing folder; a file there is replaced at the end.
+        fps: Frames a second, at most 50; viewers play faster GIFs slowly [1/s].
 
     Returns:
         The path.
@@ -57,7 +57,7 @@ def write_gif(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float)
     rate = _rate(fps)
     if rate > 50:
         raise ValueError(f"expected fps up to 50 for a GIF, got {fps}")
-    pictures = (  # the octree is 60 times as fast as Pillow's default, and nearly as true
+    pictures = (  # the octree is 60 times faster than Pillow's default, with similar colours
         Image.fromarray(frame).quantize(method=Image.Quantize.FASTOCTREE)
         for frame in _checked(frames, multiple=1)
     )
@@ -74,14 +74,14 @@ def write_gif(frames: Iterable[NDArray[np.uint8]], path: str | Path, fps: float)
 
 
 def _rate(fps: float) -> Fraction:
-    """Frames a second as the fraction that video formats want, or a ValueError."""
+    """Return frames a second as the fraction that video formats use, or raise a ValueError."""
     if not 0.01 <= fps <= 1000:
         raise ValueError(f"expected fps from 0.01 to 1000, got {fps}")
     return Fraction(fps).limit_denominator(1001)
 
 
 def _checked(frames: Iterable[NDArray[np.uint8]], multiple: int) -> Iterator[NDArray[np.uint8]]:
-    """The frames, each of the size of the first; a ValueError for a bad one, or for none."""
+    """Yield the frames, all of the size of the first; raise a ValueError for a bad one or none."""
     shape = None
     for count, frame in enumerate(frames):
         array = np.asarray(frame)
@@ -101,7 +101,7 @@ def _checked(frames: Iterable[NDArray[np.uint8]], multiple: int) -> Iterator[NDA
 
 @contextmanager
 def _replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place at the end, or goes on an error."""
+    """Yield a temporary path that replaces `path` at the end, or is removed on an error."""
     unfinished = path.with_name(f".{path.name}.unfinished")
     try:
         yield unfinished

@@ -1,4 +1,4 @@
-"""Episodes of Experiment 1: watching one demonstration, and recalling one while it is performed."""
+"""Episodes of Experiment 1: watching a demonstration, and imitating one while it is performed."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ from scipy.signal import savgol_filter
 
 import envs  # noqa: F401  # registers the environment
 from envs.humanoid import JOINTS
+from envs.physics import CONTROL_TIMESTEP
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES, PosturalImitationEnv, percept
 from pacnet import NO_NODE, PACNet
 from train.common.pool import share_out
 
+FPS = round(1 / CONTROL_TIMESTEP)  # [1/s]
 TASK = "drink a glass of beer"
-PERCEPTS, TARGETS = len(STATE_NAMES) + len(GLASS_NAMES), len(JOINTS)  # dimensions of each
+PERCEPTS, TARGETS = len(STATE_NAMES) + len(GLASS_NAMES), len(JOINTS)  # dimensions
 
-LEAD = 1  # [samples] a target lies ahead of its percept: what the imitator's joints lag behind
-SMOOTHING = 11  # [samples] of the quadratic smoother of perceived angles: noise becomes jerk
+LEAD = 1  # [samples] from a percept to its target; makes up for the lag of the joints
+SMOOTHING = 11  # [samples] window of the quadratic smoother of noisy perceived angles
 
-_DEMONSTRATIONS, _RECALLS = 0, 1  # what seeds are drawn for
+_DEMONSTRATIONS, _RECALLS = 0, 1  # purposes for which seeds are drawn
 
 
 @dataclass(frozen=True)
 class Condition:
-    """What a recall episode is like, against how it was taught.
+    """How a recall episode differs from the demonstrations.
 
     Attributes:
-        pace: of the demonstrator; 1.25 is 25 % faster.
-        noise: factor on the perceptual noise.
-        behaviour: that is demonstrated, of `envs.behaviours.BEHAVIOURS`.
+        pace: Of the demonstrator; 1.25 is 25 % faster.
+        noise: Factor on the perceptual noise.
+        behaviour: To demonstrate, one of `envs.behaviours.BEHAVIOURS`.
     """
 
     pace: float = 1.0
@@ -44,12 +46,12 @@ class Condition:
 
 @dataclass(frozen=True, eq=False)
 class RecallEpisode:
-    """What happened while the imitator recalled. T steps."""
+    """Record of one recall episode of T steps."""
 
     percepts: NDArray[np.float32]  # [T, 28]
     winners: NDArray[np.int64]  # [T], NO_NODE where the match was not good enough
-    commanded: NDArray[np.bool_]  # [T]
-    phases: NDArray[np.str_]  # [T] of the demonstration, when perceived
+    commanded: NDArray[np.bool_]  # [T], whether a target was recalled
+    phases: NDArray[np.str_]  # [T] of the demonstration
     demonstrator_wrist: NDArray[np.float64]  # [T, 3] [m], own body frame
     imitator_wrist: NDArray[np.float64]  # [T, 3] [m], own body frame
     demonstrator_angles: NDArray[np.float64]  # [T, 11] [rad]
@@ -61,7 +63,7 @@ class RecallEpisode:
 
 
 def make_environment(condition: Condition, render: bool = False) -> PosturalImitationEnv:
-    """The environment itself, without gymnasium's wrappers."""
+    """Return the environment without gymnasium's wrappers."""
     environment = gymnasium.make(
         "pacnet/PosturalImitation-v0",
         render_mode="rgb_array" if render else None,
@@ -74,24 +76,24 @@ def make_environment(condition: Condition, render: bool = False) -> PosturalImit
 
 
 def demonstration_seeds(seed: int, count: int) -> list[int]:
-    """Seeds of a run's demonstrations."""
+    """Return the seeds of a run's demonstrations."""
     return _seeds(seed, _DEMONSTRATIONS, count)
 
 
 def recall_seeds(seed: int, count: int) -> list[int]:
-    """Seeds of a run's recall episodes; never those of its demonstrations."""
+    """Return the seeds of a run's recall episodes, distinct from its demonstrations'."""
     return _seeds(seed, _RECALLS, count)
 
 
 def watch_demonstration(
     environment: PosturalImitationEnv, seed: int, mishap: str | None = None
 ) -> NDArray[np.float32]:
-    """Percepts `[T, 28]` of an imitator that rests and watches.
+    """Return the percepts `[T, 28]` of an imitator that rests and watches.
 
     Args:
-        environment: to watch in.
-        seed: of the demonstration.
-        mishap: what goes wrong in it, of `envs.mishaps.MISHAPS`.
+        environment: To watch in.
+        seed: Of the demonstration.
+        mishap: What goes wrong in it, one of `envs.mishaps.MISHAPS`.
     """
     options = {} if mishap is None else {"mishap": mishap}
     observation, _ = environment.reset(seed=seed, options=options)
@@ -104,9 +106,12 @@ def watch_demonstration(
 
 
 def motor_targets(percepts: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Joint-angle targets `[T, 11]` [rad] that go with the percepts `[T, 28]` of a demonstration.
+    """Return the joint-angle targets `[T, 11]` [rad] for the percepts of a demonstration.
 
-    The perceived angles, smoothed, `LEAD` samples ahead; at the end the last ones stay.
+    They are the perceived angles, smoothed and `LEAD` samples ahead; the last ones repeat.
+
+    Args:
+        percepts: Of the demonstration `[T, 28]`.
     """
     angles = savgol_filter(percepts[:, : len(JOINTS)], SMOOTHING, polyorder=2, axis=0)
     ahead = np.minimum(np.arange(len(angles)) + LEAD, len(angles) - 1)
@@ -119,13 +124,13 @@ def recall_episode(
     seed: int,
     after_step: Callable[[int], None] | None = None,
 ) -> RecallEpisode:
-    """One episode: where nothing is commanded, the imitator holds its last target.
+    """Recall one episode; without a target, the imitator holds the last one.
 
     Args:
-        network: a taught one.
-        environment: to act in.
-        seed: of the episode.
-        after_step: called after each step with its number.
+        network: A trained one.
+        environment: To act in.
+        seed: Of the episode.
+        after_step: Called after each step with its number.
     """
     network.reset()
     observation, info = environment.reset(seed=seed)
@@ -150,21 +155,21 @@ def recall_episode(
 def recall_episodes(
     checkpoint: str | Path, seeds: Sequence[int], condition: Condition, label: str = "recalling"
 ) -> list[RecallEpisode]:
-    """Recall episodes of a checkpoint, in the order of their seeds, on all cores.
+    """Return the recall episodes of a checkpoint, in the order of their seeds, run on all cores.
 
-    Every episode is drawn from its own seed, so the number of cores changes nothing.
+    Each episode has its own seed, so the results do not depend on the number of cores.
 
     Args:
-        checkpoint: folder.
-        seeds: one an episode.
-        condition: of all of them.
-        label: of the progress bar.
+        checkpoint: Its folder.
+        seeds: One for each episode.
+        condition: Of all episodes.
+        label: Of the progress bar.
     """
     return share_out(_Worker, (checkpoint, condition), seeds, label)
 
 
 class _Worker:
-    """A loaded checkpoint and an environment that run episode after episode."""
+    """Run episodes with a loaded checkpoint and an environment."""
 
     def __init__(self, checkpoint: str | Path, condition: Condition) -> None:
         self.network = PACNet.from_pretrained(checkpoint).eval()

@@ -1,4 +1,4 @@
-"""What a run of Experiment 1 shows: the paper's figures from live data, a film, a table."""
+"""The results of a run of Experiment 1: the paper's figures, a video, a table."""
 
 from __future__ import annotations
 
@@ -18,24 +18,28 @@ from pacnet.evaluation.map_figures import (
     map_on_components,
     percepts_on_components,
     winners_over_time,
-    wrist_paths,
 )
 from pacnet.evaluation.pca import PrincipalComponents
 from train.common.video import write_gif, write_mp4
-from train.postural.episodes import Condition, RecallEpisode, make_environment, recall_episode
+from train.postural.episodes import (
+    FPS,
+    Condition,
+    RecallEpisode,
+    make_environment,
+    recall_episode,
+)
+from train.postural.figures import wrist_paths
 from train.postural.scores import Scores, winners_of
-
-FPS = round(1 / CONTROL_TIMESTEP)  # of an episode [1/s]
 
 FRAME_STEPS = 3  # steps from one frame of the film to the next
 
-PAPER = {"nodes": "12", "pca_variance_2": "0.78"}  # what the paper reports, of all we measure
+PAPER = {"nodes": "12", "pca_variance_2": "0.78"}  # scores that the paper reports
 
 
 def draw(
     network: PACNet, demonstrations: Demonstrations, recalled: RecallEpisode
 ) -> tuple[dict[str, Figure], Scores]:
-    """The paper's Figures 6a-c and 7 from live data, and the variance they show."""
+    """Draw the paper's Figures 6a-c and 7; also return the number of nodes and the variance."""
     percepts = [demonstration.percepts.numpy() for demonstration in demonstrations]
     components = PrincipalComponents.fit(np.concatenate(percepts), network.sofm.scale.numpy())
     variance = components.explained_variance_ratio
@@ -54,7 +58,7 @@ def draw(
 
 
 def film(checkpoint: str | Path, seed: int, condition: Condition, folder: Path) -> None:
-    """A video of one recall episode: `recall.mp4`, and the same as `recall.gif`."""
+    """Write a video of one recall episode as `recall.mp4` and `recall.gif`."""
     environment = make_environment(condition, render=True)
     frames: list[NDArray[np.uint8]] = []
     with tqdm(desc="filming", unit="step") as progress:
@@ -71,7 +75,7 @@ def film(checkpoint: str | Path, seed: int, condition: Condition, folder: Path) 
 
 
 def _with_names(frame: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
-    """A frame with the names of both bodies under them."""
+    """Return a frame with the names of both bodies below them."""
     assert frame is not None
     picture = Image.fromarray(frame)
     height, width = frame.shape[:2]
@@ -83,7 +87,7 @@ def _with_names(frame: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
 
 
 def print_table(scores: Mapping[str, float | int]) -> None:
-    """The scores beside what the paper reports."""
+    """Print the scores beside those that the paper reports."""
     print(f"\n{'':32}{'paper':>8}{'measured':>12}")
     for name, value in scores.items():
         measured = f"{value:.4f}" if isinstance(value, float) else str(value)

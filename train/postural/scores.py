@@ -9,27 +9,26 @@ import torch
 from numpy.typing import NDArray
 
 from pacnet import NO_NODE, PACNet
-from pacnet.evaluation.metrics import (
-    area_between_curves,
-    joint_rms,
-    order_agreement,
-    path_distances,
-    switches,
-    winner_order,
-)
+from pacnet.evaluation.metrics import area_between_curves, path_distances
 from train.postural.episodes import RecallEpisode
+from train.postural.winners import order_agreement, switches, winner_order
 
 Scores = dict[str, float | int]
 
 
 def winners_of(network: PACNet, percepts: NDArray[np.float32]) -> NDArray[np.int64]:
-    """The winner at each percept `[T]`; `NO_NODE` where the match is not good enough."""
+    """Return the winner at each percept `[T]`; `NO_NODE` where the match is not good enough."""
     reading = network(torch.from_numpy(percepts))
     return torch.where(reading.novelty, NO_NODE, reading.winner).numpy()
 
 
 def score_order(episodes: Sequence[RecallEpisode], demonstration: NDArray[np.int64]) -> float:
-    """Mean agreement of the winners' order with that of a demonstration `[S]` by the same map."""
+    """Return the mean agreement of the winners' order with that of a demonstration.
+
+    Args:
+        episodes: Of recall.
+        demonstration: Winners of the same map in a demonstration `[S]`.
+    """
     taught = winner_order(demonstration)
     return _mean([order_agreement(taught, winner_order(e.winners)) for e in episodes])
 
@@ -41,7 +40,7 @@ def score_episodes(episodes: Sequence[RecallEpisode]) -> Scores:
     """
     distances = [path_distances(e.demonstrator_wrist, e.imitator_wrist) for e in episodes]
     areas = [area_between_curves(e.demonstrator_wrist, e.imitator_wrist) for e in episodes]
-    joints = [joint_rms(e.demonstrator_angles, e.imitator_angles).whole for e in episodes]
+    errors = [np.degrees(e.demonstrator_angles - e.imitator_angles) for e in episodes]
     return {
         "recall_episodes": len(episodes),
         "task_success_rate": _mean([e.success for e in episodes]),
@@ -50,7 +49,7 @@ def score_episodes(episodes: Sequence[RecallEpisode]) -> Scores:
         "wrist_distance_max_m": max(d.maximum for d in distances),
         "wrist_distance_max_typical_m": _mean([d.maximum for d in distances]),
         "area_between_curves_m2": _mean(areas),
-        "joint_rms_deg": _mean(joints),
+        "joint_rms_deg": _mean([float(np.sqrt(np.mean(error**2))) for error in errors]),
         "switches_per_episode": _mean([switches(e.winners) for e in episodes]),
         "commanded_share": _mean([e.commanded.mean() for e in episodes]),
         "rim_to_mouth_mean_m": _mean([e.rim_to_mouth for e in episodes]),

@@ -1,6 +1,6 @@
-"""What causes the behaviour: recall of Experiment 2 beside variants that each lack one thing.
+"""Ablations of Experiment 2: recall, compared with variants that each lack one part.
 
-A replicate has its own wandering, forward model, demonstrations and map, all drawn from its seed.
+Each replicate has its own wandering, forward model, demonstrations and map, drawn from its seed.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ Scores = dict[str, float]
 
 
 def run_conditions(learned: Learned, steps: int = STEPS) -> dict[str, Scores]:
-    """Scores of every condition; where one is run several times, their mean."""
+    """Return the scores of every condition, averaged over its runs."""
     conditions = _conditions(learned)
     scores = {}
     with tqdm(total=len(conditions), desc="conditions", unit="condition") as progress:
@@ -57,12 +57,12 @@ def run_conditions(learned: Learned, steps: int = STEPS) -> dict[str, Scores]:
 
 
 def replicate(seed: int, arena: str | int, steps: int = STEPS) -> dict[str, Scores]:
-    """A replicate from its seed alone."""
+    """Return the scores of a replicate from its seed alone."""
     return run_conditions(learn(seed, arena), steps)
 
 
 def replicates(seeds: Sequence[int], arena: str | int, steps: int) -> Iterator[dict[str, Scores]]:
-    """Replicates in the order of their seeds, on all cores; their number changes nothing."""
+    """Yield replicates in the order of their seeds, run on all cores."""
     if not seeds:
         return
     with processes() as pool:
@@ -75,7 +75,7 @@ Run = Callable[[Learned, int], Scores]
 
 
 def _conditions(learned: Learned) -> dict[str, list[Run]]:
-    """Name -> its runs. All begin at the same place in the open, but for the teacher."""
+    """Return name -> runs; all but the teacher's begin at the same place in the open."""
     taught = _driven_by(lambda: learned.network)
     unseen = [
         _driven_by(lambda: learned.network, Place(UNSEEN_ARENAS + UNSEEN * learned.seed + number))
@@ -101,7 +101,7 @@ def _conditions(learned: Learned) -> dict[str, list[Run]]:
 
 
 def _with(make: Callable[[Learned], ForwardModel]) -> Run:
-    """With another forward model."""
+    """Return a run with another forward model."""
 
     def run(learned: Learned, steps: int) -> Scores:
         network = with_forward_model(learned, make(learned))
@@ -120,7 +120,7 @@ def _driven_by(make: Callable[[], PACNet], place: Place | None = None) -> Run:
 
 
 def _run_beside(side: Side) -> Run:
-    """Begins beside a wall: does it keep that side?"""
+    """Return a run that begins beside a wall, and scores whether it keeps that side."""
 
     def run(learned: Learned, steps: int) -> Scores:
         driver = Recalling(learned.network, learned.seed)
@@ -144,7 +144,7 @@ def _run_teacher(side: Side) -> Run:
 
 
 def _run_taught_on(index: int) -> Run:
-    """Taught on one side alone: does it keep it?"""
+    """Return a run of a network taught on one side, and score whether it keeps that side."""
 
     def run(learned: Learned, steps: int) -> Scores:
         network = make_network(learned.network.forward_model)
@@ -164,7 +164,7 @@ def _score(
     place: Place | None = None,
     network: PACNet | None = None,
 ) -> Scores:
-    """A run alone and its scores; a network's also by its clusters."""
+    """Run a driver alone and return its scores; a network's include its clusters."""
     place = Place(learned.arena) if place is None else place
     run = act_alone(driver, place, alone_seed(learned.seed), steps)
     scores = score_run(run)

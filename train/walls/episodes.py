@@ -20,62 +20,62 @@ from train.walls.scores import WallRun
 
 TAUGHT_SIDES: tuple[Side, Side] = ("left", "right")  # the order in which they are taught
 
-_WANDERING, _FOLLOWING, _ALONE, _TESTING = 0, 1, 2, 3  # what seeds are drawn for
+_WANDERING, _FOLLOWING, _ALONE, _TESTING = 0, 1, 2, 3  # purposes for which seeds are drawn
 
 
 class Driven(NamedTuple):
     """What drove the robot in one step."""
 
-    action: NDArray[np.float32]  # (2,) shares of the wheels' largest speed
+    action: NDArray[np.float32]  # [2] shares of the wheels' largest speed
     winner: int = NO_NODE  # node that won the percept
     commanded: bool = False  # by the network, not by the default behaviour
     abstained: bool = False  # a target was recalled, but the forward model gave no action
 
 
 class Driver(Protocol):
-    """Anything that can drive the robot alone."""
+    """Drives the robot alone."""
 
     def drive(self, percept: NDArray[np.float32]) -> Driven:
-        """What to do on a percept (6,)."""
+        """Return what to do on a percept `[6]`."""
         ...
 
 
 class Wandering:
-    """The default behaviour alone.
+    """Drive by the default behaviour alone.
 
     Args:
-        seed: of its turns.
+        seed: Of its turns.
     """
 
     def __init__(self, seed: int) -> None:
         self._wanderer = Wanderer(np.random.default_rng(seed))
 
     def drive(self, percept: NDArray[np.float32]) -> Driven:
-        """What to do on a percept (6,)."""
+        """Return what to do on a percept `[6]`."""
         return Driven(shares(self._wanderer.act(percept)))
 
 
 class Teacher:
-    """The teacher's controller, driving the learner's body.
+    """Drive the learner's body by the teacher's controller.
 
     Args:
-        side: of the wall.
+        side: Of the wall.
     """
 
     def __init__(self, side: Side) -> None:
         self._follower = WallFollower(side)
 
     def drive(self, percept: NDArray[np.float32]) -> Driven:
-        """What to do on a percept (6,)."""
+        """Return what to do on a percept `[6]`."""
         return Driven(shares(self._follower.act(percept)))
 
 
 class Recalling:
-    """A taught network; where it gives no action the robot wanders.
+    """Drive by a trained network; without an action, wander.
 
     Args:
-        network: with a forward model.
-        seed: of the wandering.
+        network: With a forward model.
+        seed: Of the wandering.
     """
 
     def __init__(self, network: PACNet, seed: int) -> None:
@@ -84,7 +84,7 @@ class Recalling:
         self._wanderer = Wanderer(np.random.default_rng(seed))
 
     def drive(self, percept: NDArray[np.float32]) -> Driven:
-        """What to do on a percept (6,)."""
+        """Return what to do on a percept `[6]`."""
         decision = self._network.step(percept)
         winner = NO_NODE if decision.is_novel else decision.winner
         if decision.action is not None:
@@ -95,7 +95,7 @@ class Recalling:
 
 
 def shares(wheels: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Wheel speeds (2,) [m/s] as the environment's action, no faster than the wheels turn."""
+    """Return wheel speeds [m/s] as an action `[2]` of the environment, within its limits."""
     return np.clip(wheels / MAX_WHEEL_SPEED, -1, 1).astype(np.float32)
 
 
@@ -106,14 +106,14 @@ def make_environment(
     camera: str | None = None,
     size: tuple[int, int] = (480, 480),
 ) -> WallFollowingEnv:
-    """The environment itself, without gymnasium's wrappers.
+    """Return the environment without gymnasium's wrappers.
 
     Args:
         arena: "paper" or a seed.
-        teacher: the side of its wall, or None.
-        noise: factor on that of the readings.
-        camera: to render with, or None.
-        size: width and height of a picture [pixels].
+        teacher: Side of its wall, or None for no teacher.
+        noise: Factor on the noise of the readings.
+        camera: To render with, or None.
+        size: Width and height of a picture [pixels].
     """
     environment = gymnasium.make(
         "pacnet/WallFollowing-v0",
@@ -132,17 +132,17 @@ def make_environment(
 class Transitions(NamedTuple):
     """What a robot perceived and did, step by step."""
 
-    percepts: NDArray[np.float32]  # (T, 6)
-    actions: NDArray[np.float32]  # (T, 2)
+    percepts: NDArray[np.float32]  # [T, 6]
+    actions: NDArray[np.float32]  # [T, 2]
 
 
 def wander(arena: str | int, steps: int, seed: int) -> Transitions:
-    """Wanders alone from a place in the open.
+    """Wander alone from a place in the open.
 
     Args:
         arena: "paper" or a seed.
-        steps: to make.
-        seed: of the run that this belongs to.
+        steps: Number of steps.
+        seed: Of the run.
     """
     environment = make_environment(arena)
     place, turns = seeds_for(seed, _WANDERING, 2)
@@ -161,14 +161,14 @@ def wander(arena: str | int, steps: int, seed: int) -> Transitions:
 def follow(
     arena: str | int, side: Side, seed: int, steps: int, after_step: Callable[[], Any] | None = None
 ) -> Transitions:
-    """Follows a teacher that follows walls.
+    """Follow a teacher that follows walls.
 
     Args:
         arena: "paper" or a seed.
-        side: of the teacher's wall.
-        seed: of the episode.
-        steps: to make.
-        after_step: called after each step.
+        side: Of the teacher's wall.
+        seed: Of the episode.
+        steps: Number of steps.
+        after_step: Called after each step.
     """
     environment = make_environment(arena, teacher=side)
     percept, info = environment.reset(seed=seed)
@@ -191,8 +191,8 @@ class Place:
 
     Attributes:
         arena: "paper" or a seed.
-        noise: factor on that of the readings.
-        wall: the side of the wall that it begins beside; None for anywhere in the open.
+        noise: Factor on the noise of the readings.
+        wall: Side of the wall to begin beside; None to begin in the open.
     """
 
     arena: str | int
@@ -208,15 +208,15 @@ def act_alone(
     after_step: Callable[[WallFollowingEnv], Any] | None = None,
     camera: str | None = None,
 ) -> WallRun:
-    """A robot on its own.
+    """Let a robot act alone.
 
     Args:
-        driver: of the robot.
-        place: see `Place`.
-        seed: of where it begins, and of the noise.
-        steps: to make.
-        after_step: called after each step.
-        camera: to render with, if `after_step` does.
+        driver: Of the robot.
+        place: Where and how it acts.
+        seed: Of the initial position and of the noise.
+        steps: Number of steps.
+        after_step: Called after each step.
+        camera: To render with, if `after_step` does.
     """
     environment = make_environment(place.arena, noise=place.noise, camera=camera)
     options = None if place.wall is None else {"wall": place.wall}
@@ -234,22 +234,22 @@ def act_alone(
 
 
 def alone_seed(seed: int) -> int:
-    """Seed of a run's episodes alone: they all begin at the same place."""
+    """Return the seed of a run's episodes alone, which all begin at the same place."""
     return seeds_for(seed, _ALONE, 1)[0]
 
 
 def following_seeds(seed: int, count: int) -> list[int]:
-    """Seeds of a run's episodes of following, of both sides."""
+    """Return the seeds of a run's episodes of following, for both sides."""
     return seeds_for(seed, _FOLLOWING, count)
 
 
 def testing_seed(seed: int) -> int:
-    """Seed of the wandering that a run's forward model is tested on."""
+    """Return the seed of the wandering on which a run's forward model is tested."""
     return seeds_for(seed, _TESTING, 1)[0]
 
 
 def seeds_for(seed: int, purpose: int, count: int) -> list[int]:
-    """Independent seeds drawn from a run's."""
+    """Return independent seeds drawn from a run's."""
     return np.random.SeedSequence([seed, purpose]).generate_state(count).tolist()
 
 

@@ -1,6 +1,6 @@
-"""The figures of Experiment 2 (the paper's Figures 9b, 9c, and ours), from arrays.
+"""The figures of Experiment 2: the paper's Figures 9b and 9c, and others.
 
-Left walls are blue and right walls vermilion in all of them, by the colours of `map_figures`.
+Left walls are blue and right walls vermilion in all of them.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from matplotlib.patches import Polygon
 from matplotlib.ticker import StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
+from pacnet.evaluation.arrays import finite_array, integer_series
 from pacnet.evaluation.figure_style import (
     BLUE,
     GREEN,
@@ -24,20 +25,18 @@ from pacnet.evaluation.figure_style import (
     LABEL_SIZE,
     VERMILION,
     component_axes,
-    edge_ends,
-    finite_array,
-    label_place,
+    label_point,
     new_figure,
-    number_places,
+    number_nodes,
     tidy,
-    winner_series,
 )
+from pacnet.evaluation.map_figures import edge_ends
 from train.walls.scores import LEFT, NO_WALL, RIGHT, SIDES
 
 COLOURS = {LEFT: BLUE, NO_WALL: GREY, RIGHT: VERMILION}  # of clusters, top to bottom
 SCORES = {"wf": "wf: 8–50 mm from a wall", "tight": "tight: 18–34 mm from a wall"}
 
-NUMBERED_NODES = 40  # most that can be told apart by their numbers
+NUMBERED_NODES = 40  # maps of more nodes have no numbers
 
 
 def clusters_on_components(
@@ -47,24 +46,24 @@ def clusters_on_components(
     names: Sequence[str],
     variance_ratio: ArrayLike,
 ) -> Figure:
-    """The map on the percepts' two principal components, by cluster (the paper's Figure 9b).
+    """Draw the map on the percepts' two principal components, by cluster (Figure 9b).
 
     Nodes carry their numbers unless there are more than 40.
 
     Args:
-        nodes: Projected nodes [N, 2], numbered by their row.
-        edges: The two nodes that each edge joins [E, 2].
-        percepts: Projected percepts, drawn faintly behind [T, 2].
-        names: Cluster of each node: "left", "no wall" or "right" [N].
+        nodes: Projected nodes `[N, 2]`, numbered by their row.
+        edges: The two nodes that each edge joins `[E, 2]`.
+        percepts: Projected percepts, drawn faintly behind `[T, 2]`.
+        names: Cluster of each node: "left", "no wall" or "right" `[N]`.
         variance_ratio: Share of the variance on each component, two or more.
 
     Raises:
-        ValueError: Arrays of other shapes, not finite, an edge to a node that is not there, or an
+        ValueError: Arrays of other shapes, not finite, an edge to a node that does not exist, or an
             unknown name.
     """
-    places = finite_array("nodes", nodes, (None, 2))
+    places = finite_array("nodes", nodes, ("N", 2))
     joined = edge_ends(edges, len(places))
-    points = finite_array("percepts", percepts, (None, 2))
+    points = finite_array("percepts", percepts, ("T", 2))
     clusters = _clusters(names, len(places))
     title = f"Clusters of the map ({len(places)} nodes, {len(joined)} edges)"
     figure, axes = component_axes(title, variance_ratio)
@@ -76,25 +75,25 @@ def clusters_on_components(
         axes.scatter(*own.T, color=colour, edgecolors="white", s=46, zorder=3, label=label)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     if len(places) <= NUMBERED_NODES:
-        number_places(figure, axes, places)
+        number_nodes(figure, axes, places)
     return figure
 
 
 def activations_over_time(winners: ArrayLike, names: Sequence[str], timestep: float) -> Figure:
-    """Winning node at each step, a row a node, grouped by cluster (the paper's Figure 9c).
+    """Draw the winning node at each step, grouped by cluster (Figure 9c).
 
-    Left walls on top, right walls at the bottom; steps that nobody won in a row below.
+    Each node has a row: left walls on top, right walls below, steps without a winner at the bottom.
 
     Args:
-        winners: Node that wins each step, negative for no match [T].
-        names: Cluster of each node: "left", "no wall" or "right" [N].
+        winners: Node that wins each step, negative for no match `[T]`.
+        names: Cluster of each node: "left", "no wall" or "right" `[N]`.
         timestep: Time from one step to the next [s].
 
     Raises:
-        ValueError: Winners that are not integers [T] below N, an unknown name, or a timestep that
+        ValueError: Winners that are not integers `[T]` below N, an unknown name, or a timestep that
             is not positive.
     """
-    series, clusters = winner_series(winners), _clusters(names, len(names))
+    series, clusters = integer_series("winners", winners), _clusters(names, len(names))
     if not timestep > 0:
         raise ValueError(f"expected timestep > 0 [s], got {timestep}")
     if series.max(initial=-1) >= len(clusters):
@@ -122,23 +121,23 @@ def activations_over_time(winners: ArrayLike, names: Sequence[str], timestep: fl
 def trajectory(
     walls: Sequence[ArrayLike], poses: ArrayLike, wall_side: ArrayLike, commanded: ArrayLike
 ) -> Figure:
-    """A run on the arena from above, coloured by what drove each step.
+    """Draw a run on the arena from above, coloured by what drove each step.
 
-    Grey where the default behaviour did; where the network's recall did, by the side of the wall.
+    Grey for the default behaviour; for recall, a colour for the side of the wall.
 
     Args:
-        walls: Outline of each wall, closed by itself, each [P, 2] [m].
-        poses: x, y and heading after each step [T, 3] [m, m, rad].
-        wall_side: Where the nearest wall is: 1 left, -1 right, 0 none near [T].
-        commanded: Whether the network commanded the step [T].
+        walls: Outline of each wall, closed by itself, each `[P, 2]` [m].
+        poses: x, y and heading after each step `[T, 3]` [m, m, rad].
+        wall_side: Where the nearest wall is: 1 left, -1 right, 0 none near `[T]`.
+        commanded: Whether the network commanded the step `[T]`.
 
     Raises:
         ValueError: Arrays of other shapes, not finite, empty, or sides other than -1, 0 and 1.
     """
-    places = finite_array("poses", poses, (None, 3))[:, :2]
+    places = finite_array("poses", poses, ("T", 3))[:, :2]
     sides = finite_array("wall_side", wall_side, (len(places),))
-    recalled = finite_array("commanded", commanded, (len(places),)) != 0
-    outlines = [finite_array("walls", wall, (None, 2)) for wall in walls]
+    recalled = finite_array("commanded", np.asarray(commanded, int), (len(places),)) != 0
+    outlines = [finite_array("walls", wall, ("P", 2)) for wall in walls]
     if not len(places) or not np.isin(sides, list(SIDES.values())).all():
         raise ValueError(f"expected one or more steps with sides -1, 0 or 1, got {sides}")
     kinds = {
@@ -170,7 +169,7 @@ def conditions(
     table: Mapping[str, Mapping[str, tuple[float, float]]],
     wanted: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Figure:
-    """Scores wf and tight under each condition, with whiskers of one standard deviation.
+    """Draw wf and tight under each condition, with whiskers of one standard deviation.
 
     Args:
         table: Condition -> score -> mean and standard deviation over replicates.
@@ -188,7 +187,7 @@ def conditions(
     figure = new_figure(9.5, 1.4 + 0.38 * len(table))
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, (score, title), colour in zip(panels, SCORES.items(), (BLUE, GREEN), strict=True):
-        values = finite_array(score, [scores[score] for scores in table.values()], (None, 2))
+        values = finite_array(score, [scores[score] for scores in table.values()], ("C", 2))
         tidy(axes, title, "mean ± std", "")
         _draw_bars(axes, values, colour)
         least = np.array([goals.get(name, {}).get(score, np.nan) for name in table])
@@ -204,14 +203,14 @@ def conditions(
 
 
 def _clusters(names: Sequence[str], nodes: int) -> NDArray[np.str_]:
-    """The cluster of each node [N], or a ValueError."""
+    """Return the cluster of each node `[N]`, or raise a ValueError."""
     if len(names) != nodes or set(names) - set(COLOURS):
         raise ValueError(f"expected {nodes} names out of {list(COLOURS)}, got {list(names)}")
     return np.array(names, dtype=str)
 
 
 def _name_rows(axes: Axes, groups: Mapping[str, NDArray[np.int64]], unmatched: bool) -> None:
-    """Number the rows, name the clusters beside them, and part these by lines."""
+    """Number the rows, name the clusters beside them, and separate these by lines."""
     labels = [str(node) for group in groups.values() for node in group]
     top = 0
     for name, group in groups.items():
@@ -233,11 +232,11 @@ def _name_rows(axes: Axes, groups: Mapping[str, NDArray[np.int64]], unmatched: b
 
 
 def _draw_bars(axes: Axes, values: NDArray[np.float64], colour: str) -> None:
-    """A bar, a whisker and their numbers for each mean and standard deviation [C, 2]."""
+    """Draw a bar, a whisker and their numbers for each mean and standard deviation `[C, 2]`."""
     means, stds = values.T
     rows = np.arange(len(values))
     axes.barh(rows, means, 0.6, xerr=stds, color=colour, error_kw={"ecolor": INK, "capsize": 2})
     for row, (mean, std) in enumerate(values):
-        label_place(axes, f"{mean:.2f} ± {std:.2f}", (mean + std, row), (6, 0))
+        label_point(axes, f"{mean:.2f} ± {std:.2f}", (mean + std, row), (6, 0))
     axes.set_xlim(0, max(1.25, 1.3 * (means + stds).max()))
     axes.set_xticks(np.linspace(0, 1, 6))

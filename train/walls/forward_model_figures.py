@@ -1,4 +1,4 @@
-"""Figures of a fitted forward model: how it was fitted, how true its predictions are."""
+"""Figures of a fitted forward model: its losses and its calibration."""
 
 from __future__ import annotations
 
@@ -10,34 +10,28 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
-from pacnet.evaluation.figure_style import (
-    BLUE,
-    GREY,
-    VERMILION,
-    finite_array,
-    new_figure,
-    tidy,
-)
+from pacnet.evaluation.arrays import finite_array
+from pacnet.evaluation.figure_style import BLUE, GREY, VERMILION, new_figure, tidy
 
 CALIBRATION_BINS = 15
-BIN_SAMPLES = 10  # fewest that a mean and a spread are drawn of
+BIN_SAMPLES = 10  # fewest for a mean and a spread
 
 
 def calibration(predicted: ArrayLike, true: ArrayLike, names: Sequence[str]) -> Figure:
-    """True against predicted change of each sensor: means and spread over bins of the predicted.
+    """Draw true against predicted change of each sensor: means and spread in bins.
 
     Bins of one width span the predicted changes; those of fewer than 10 samples are not drawn.
     R² of a panel's title is over all samples and against persistence, which predicts no change.
 
     Args:
-        predicted: Predicted change of each sensor [T, S].
-        true: What it changed by [T, S].
-        names: Name of each sensor [S].
+        predicted: Predicted change of each sensor `[T, S]`.
+        true: True change of each sensor `[T, S]`.
+        names: Name of each sensor `[S]`.
 
     Raises:
-        ValueError: Arrays that are not [T ≥ 1, S ≥ 1], or not finite.
+        ValueError: Arrays that are not `[T ≥ 1, S ≥ 1]`, or not finite.
     """
-    guesses = finite_array("predicted", predicted, (None, len(names)))
+    guesses = finite_array("predicted", predicted, ("T", len(names)))
     truths = finite_array("true", true, guesses.shape)
     if not guesses.size:
         raise ValueError(f"expected one or more samples and sensors, got {guesses.shape}")
@@ -58,16 +52,16 @@ def calibration(predicted: ArrayLike, true: ArrayLike, names: Sequence[str]) -> 
 
 
 def fit_curves(train_loss: ArrayLike, validation_loss: ArrayLike) -> Figure:
-    """Losses of a fit over its epochs, with the epoch of the least validation loss marked.
+    """Draw the losses of a fit over its epochs, with the best epoch marked.
 
     Args:
-        train_loss: Loss on the training part after each epoch, > 0 [E].
-        validation_loss: Loss on the part held out, > 0 [E].
+        train_loss: Loss on the training part after each epoch, > 0 `[E]`.
+        validation_loss: Loss on the held-out part, > 0 `[E]`.
 
     Raises:
-        ValueError: Losses that are not [E ≥ 1], not finite or not positive.
+        ValueError: Losses that are not `[E ≥ 1]`, not finite or not positive.
     """
-    trained = finite_array("train_loss", train_loss, (None,))
+    trained = finite_array("train_loss", train_loss, ("E",))
     held_out = finite_array("validation_loss", validation_loss, (len(trained),))
     if not len(trained) or min(trained.min(), held_out.min()) <= 0:
         raise ValueError("expected losses > 0 of one or more epochs, got one ≤ 0 or none")
@@ -89,7 +83,7 @@ def fit_curves(train_loss: ArrayLike, validation_loss: ArrayLike) -> Figure:
 
 
 def _draw_bins(axes: Axes, guess: NDArray, truth: NDArray) -> None:
-    """Mean and standard deviation of the truth in bins of the guess."""
+    """Draw mean and standard deviation of the truth in bins of the guess."""
     borders = np.linspace(guess.min(), guess.max(), CALIBRATION_BINS + 1)
     bin_of = np.digitize(guess, borders[1:-1])
     members = [bin_of == index for index in range(CALIBRATION_BINS)]
@@ -107,7 +101,7 @@ def _draw_bins(axes: Axes, guess: NDArray, truth: NDArray) -> None:
 
 
 def _r_squared(guess: NDArray, truth: NDArray) -> str:
-    """Share of the change explained, against predicting none."""
+    """Return the share of the change explained, against predicting none."""
     change = (truth**2).sum()
     if change == 0:
         return "undefined"

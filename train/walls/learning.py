@@ -41,15 +41,15 @@ TRANSITIONS = 5000  # [steps] of wandering
 WANDERING_STEPS = 500  # at most in an episode of the dataset
 WANDERING_TASK = "wander around and turn away from walls"
 EPISODES_A_SIDE, EPISODE_STEPS = 4, 750  # of following
-LEAD = 3  # [steps] that a target lies ahead, and for which the forward model holds an action
+LEAD = 3  # [steps] from a percept to its target; the forward model holds an action as long
 NOVELTY_THRESHOLD = 0.6
 NEAREST_CUES = 50  # over which a target is averaged
-ABSTAIN_BELOW = 0.02  # spread of the predicted readings under which actions are all the same
+ABSTAIN_BELOW = 0.02  # spread of the predicted readings below which no action is chosen
 TURNS = np.linspace(-MAX_TURN, MAX_TURN, 21)  # [rad/s] of the candidate actions
-LESSON = 0  # number of the one learning episode
+EPISODE = 0  # number of the only learning episode
 CHUNK = 50  # samples learned between two points of the learning curves
 
-# A checker takes readings that jump and come back within 3 steps for glitches.
+# A checker reports readings that jump and return within 3 steps as glitches.
 JUMPS, WHY_THEY_JUMP = "episodes.spikes*", (
     "simulated infra-red readings, which without their noise jump the same way: within a few steps "
     "of 0.1 s the robot turns to a wall or away from it, or a ray passes the edge of a wall or of "
@@ -66,12 +66,12 @@ class Episode(NamedTuple):
 
 
 def task_of(side: str) -> str:
-    """What a following episode is called in the dataset."""
+    """Return the task of a following episode in the dataset."""
     return f"follow the {side} wall"
 
 
 def record_wandering(folder: Path, arena: str | int, seed: int, steps: int) -> None:
-    """Wanders, and writes the walk into a LeRobot dataset, cut into episodes of like length."""
+    """Wander, and write the walk into a LeRobot dataset as episodes of similar length."""
     episodes = math.ceil(steps / WANDERING_STEPS)
     with Recorder(folder, FPS, FEATURES, ROBOT) as recorder:
         walk = wander(arena, steps, seed)
@@ -81,7 +81,7 @@ def record_wandering(folder: Path, arena: str | int, seed: int, steps: int) -> N
 
 
 def record_following(folder: Path, arena: str | int, seed: int) -> None:
-    """Follows the teacher along left walls, then along right ones, into a LeRobot dataset."""
+    """Follow the teacher along left walls, then right ones, into a LeRobot dataset."""
     total = len(TAUGHT_SIDES) * EPISODES_A_SIDE * EPISODE_STEPS
     with (
         Recorder(folder, FPS, FEATURES, ROBOT) as recorder,
@@ -93,7 +93,7 @@ def record_following(folder: Path, arena: str | int, seed: int) -> None:
 
 
 def load_episodes(folder: Path) -> list[Episode]:
-    """The episodes that `record_following` wrote."""
+    """Return the episodes that `record_following` wrote."""
     side_of = {task_of(side): index for index, side in enumerate(TAUGHT_SIDES)}
     return [
         Episode(episode.percepts, episode.action, side_of[episode.task])
@@ -102,7 +102,7 @@ def load_episodes(folder: Path) -> list[Episode]:
 
 
 def follow_both_sides(arena: str | int, seed: int) -> list[Episode]:
-    """The same episodes without a dataset."""
+    """Return the same episodes without writing a dataset."""
     return [
         Episode(*map(torch.from_numpy, followed), side)
         for side, followed in _follow_both_sides(arena, seed)
@@ -110,13 +110,13 @@ def follow_both_sides(arena: str | int, seed: int) -> list[Episode]:
 
 
 def candidate_actions(speeds: Sequence[float] = (CRUISE,)) -> tuple[tuple[float, ...], ...]:
-    """Every turn at every speed [m/s], as actions of the environment."""
+    """Return every turn at every speed [m/s], as actions of the environment."""
     wheels = [wheel_speeds(speed, turn) for speed in speeds for turn in TURNS]
     return tuple(tuple(shares(pair).tolist()) for pair in wheels)
 
 
 def make_forward_model(seed: int, speeds: Sequence[float] = (CRUISE,)) -> MLPForwardModel:
-    """An unfitted forward model for this robot, its weights drawn from the seed."""
+    """Return an unfitted forward model for this robot, with weights drawn from the seed."""
     config = MLPForwardModelConfig(
         state_dimensions=len(INFRARED_NAMES),
         action_dimensions=len(WHEEL_NAMES),
@@ -128,10 +128,10 @@ def make_forward_model(seed: int, speeds: Sequence[float] = (CRUISE,)) -> MLPFor
 
 
 def fit(model: MLPForwardModel, wandering: Transitions, seed: int) -> tuple[FitReport, Tensor]:
-    """Fits a forward model to wandering, and to its mirror image, for the body has two like sides.
+    """Fit a forward model to wandering and to its mirror image: the body is symmetric.
 
     Returns:
-        The report, and training and validation loss after each epoch `[E, 2]`.
+        The report, and the training and validation loss after each epoch `[E, 2]`.
     """
     percepts, actions = (torch.from_numpy(rows) for rows in wandering)
     transitions = [
@@ -145,16 +145,16 @@ def fit(model: MLPForwardModel, wandering: Transitions, seed: int) -> tuple[FitR
             progress.update()
 
         report = model.fit(*transitions, seed=seed, progress=note)
-        progress.total = progress.n  # it stopped early: that is all there was to do
+        progress.total = progress.n  # it may have stopped early
     return report, torch.tensor(losses)
 
 
 def make_network(forward_model: ForwardModel, targets: int = len(INFRARED_NAMES)) -> PACNet:
-    """An from_demonstrations network for this experiment.
+    """Return an untrained network for this experiment.
 
     Args:
-        forward_model: to act with.
-        targets: length of a target: readings, or wheel speeds.
+        forward_model: To act with.
+        targets: Dimensions of a target: readings, or wheel speeds.
     """
     percepts = len(INFRARED_NAMES)
     attention = SOFMConfig.paper(percepts, novelty_threshold=NOVELTY_THRESHOLD)
@@ -168,24 +168,24 @@ def teach(
     log: LearningLog | None = None,
     leave_bar: bool = True,
 ) -> None:
-    """The learning phase.
+    """Let the network observe all episodes.
 
-    All that was followed is one learning episode. By the paper's third rule a new one clears what
-    a node holds when the node wins again, and a left wall is seen now and then, from afar, by a
-    robot that follows a right one.
+    All episodes count as one learning episode: by the paper's third rule a new one clears a node's
+    targets when the node wins again, and a robot that follows a right wall sometimes sees a left
+    one from afar.
 
     Args:
-        network: to teach; in eval mode afterwards.
-        episodes: of following.
-        log: of the learning.
-        leave_bar: whether the progress bar stays when it is full.
+        network: To teach; in eval mode afterwards.
+        episodes: Of following.
+        log: Of the learning.
+        leave_bar: Whether to keep the full progress bar.
     """
     total = sum(len(episode.percepts) for episode in episodes)
     with tqdm(total=total, desc="learning", unit="sample", leave=leave_bar) as progress:
         for episode in episodes:
             targets = targets_ahead(episode.percepts, LEAD)
             for seen, aim in zip(episode.percepts.split(CHUNK), targets.split(CHUNK), strict=True):
-                observed = network.observe(seen, aim, LESSON)
+                observed = network.observe(seen, aim, EPISODE)
                 if log is not None:
                     log.observed(network.sofm, observed)
                 progress.update(len(seen))
@@ -193,7 +193,7 @@ def teach(
 
 
 def load_wandering(folder: Path) -> Transitions:
-    """The walk that `record_wandering` wrote, whole again."""
+    """Return the whole walk that `record_wandering` wrote."""
     episodes = list(_load(folder))
     percepts = torch.cat([episode.percepts for episode in episodes])
     actions = torch.cat([episode.action for episode in episodes])
@@ -207,7 +207,7 @@ def _load(folder: Path) -> Demonstrations:
 def _follow_both_sides(
     arena: str | int, seed: int, after_step: Callable[[], object] | None = None
 ) -> Iterator[tuple[int, Transitions]]:
-    """Each episode with the index of its side."""
+    """Yield each episode with the index of its side."""
     seeds = following_seeds(seed, len(TAUGHT_SIDES) * EPISODES_A_SIDE)
     for number, episode_seed in enumerate(seeds):
         side = number // EPISODES_A_SIDE

@@ -1,4 +1,4 @@
-"""What a run of Experiment 2 shows: the paper's figures from live data, films, a table."""
+"""The results of a run of Experiment 2: the paper's figures, a video, a table."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from envs.wall_following import WallFollowingEnv
 from pacnet import PACNet
 from pacnet.evaluation.map_figures import percepts_on_components
 from pacnet.evaluation.pca import PrincipalComponents
+from train.common.summary import Summary
 from train.common.video import write_gif, write_mp4
 from train.walls.episodes import Place, Recalling, act_alone, alone_seed
 from train.walls.figures import (
@@ -25,11 +26,11 @@ from train.walls.figures import (
     trajectory,
 )
 from train.walls.learning import FPS, Episode
-from train.walls.scores import SIDES, Summary, WallRun, name_clusters
+from train.walls.scores import SIDES, WallRun, name_clusters
 
 FILM_STEPS = 400
 FRAME_STEPS = 2  # steps from one frame of the film to the next
-PATH_STEPS = 2500  # of the run drawn as a path: more would cover itself
+PATH_STEPS = 2500  # drawn as a path; a longer one would overlap too much
 WANTED = {
     "recall": {"wf": 0.9, "tight": 0.8},
     "recall in unseen arenas": {"wf": 0.85, "tight": 0.7},
@@ -39,7 +40,7 @@ WANTED = {
 def draw(
     network: PACNet, episodes: Sequence[Episode], recalled: WallRun, arena: str | int
 ) -> tuple[dict[str, Figure], dict[str, float | int]]:
-    """The paper's Figures 9a-c and the path, from live data, and what they show in numbers."""
+    """Draw the paper's Figures 9a-c and the path; also return nodes and variance."""
     percepts = np.concatenate([episode.percepts.numpy() for episode in episodes])
     components = PrincipalComponents.fit(percepts)
     variance = components.explained_variance_ratio
@@ -57,7 +58,7 @@ def draw(
         ),
         "activations": activations_over_time(recalled.winners, names, CONTROL_TIMESTEP),
         "path": trajectory(
-            walls, recalled.poses[drawn], recalled.wall_side[drawn], recalled.has_target[drawn]
+            walls, recalled.poses[drawn], recalled.wall_side[drawn], recalled.commanded[drawn]
         ),
     }
     scores = {
@@ -69,7 +70,7 @@ def draw(
 
 
 def film(network: PACNet, arena: str | int, seed: int, folder: Path) -> None:
-    """The beginning of a recall: `recall.mp4` from above beside the chase camera, `recall.gif`."""
+    """Film the beginning of a recall, from above and by the chase camera."""
     frames: dict[str, list[NDArray[np.uint8]]] = {"top": [], "chase": []}
     with tqdm(total=2 * FILM_STEPS, desc="filming", unit="step") as progress:
         for camera, taken in frames.items():
@@ -88,7 +89,7 @@ def film(network: PACNet, arena: str | int, seed: int, folder: Path) -> None:
 
 
 def draw_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> Figure:
-    """Bars of wf and tight of every condition."""
+    """Draw bars of wf and tight under every condition."""
     table = {
         condition: {name: (scores[name]["mean"], scores[name]["std"]) for name in ("wf", "tight")}
         for condition, scores in summary.items()
@@ -97,7 +98,7 @@ def draw_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> Figure:
 
 
 def print_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> None:
-    """The table of conditions."""
+    """Print the table of conditions."""
     count = len(next(iter(summary.values()))["wf"]["values"])
     print(f"\n{f'{count} replicate(s), mean ± std':28}{'wf':>15}{'tight':>15}{'energy':>15}")
     for condition, scores in summary.items():

@@ -1,15 +1,14 @@
 """Scores of Experiment 2: from a robot's run along walls to the numbers of `metrics.json`.
 
 The paper judges wall following by eye and announces "the 'energy' that the robot acquires from the
-wall at particular configurations from it" (section "Recall phase" of Experiment 2); here that
-energy is defined, with the scores that tell what it cannot: sides, contacts, being stuck.
+wall at particular configurations from it" (section "Recall phase" of Experiment 2). This module
+defines that energy, and scores for what it misses: sides, contacts, being stuck.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +24,7 @@ TEACHER_DISTANCE = WALL_DISTANCE  # from the teacher's rim to its wall [m]
 
 NEAR_WALL = (0.008, 0.050)  # rim to wall, both ends included: neither touching nor away [m]
 TIGHT_MARGIN = 0.008  # about the teacher's distance [m]
-BORDER = (0.045, 0.055)  # where a wall is as good as there and not there [m]
+BORDER = (0.045, 0.055)  # where it is ambiguous whether there is a wall [m]
 NO_WALL_READING = 0.1  # IR reading of a wall about 51 mm away, the reach of `wall_side`
 STUCK_WINDOW = 500  # [steps]
 
@@ -51,20 +50,20 @@ class WallRun:
     """T ≥ 1 steps of one robot.
 
     Attributes:
-        poses: x, y and heading after each step [T, 3] [m, m, rad].
+        poses: x, y and heading after each step `[T, 3]` [m, m, rad].
         percepts: IR before each step, 0 (nothing) to 1 (contact), of the sensors at +90, +45, +12,
-            -12, -45 and -90 degrees: left to right [T, 6].
-        wall_distance: rim to the nearest wall after each step [T] [m].
-        wall_side: where that wall is after each step: 1 left, -1 right, 0 none within 50 mm [T].
-        progress: way along the nearest wall in each step, ≥ 0 [T] [m].
-        contact: whether the robot touched a wall in each step [T].
-        winners: node that won the percept, -1 for no match [T].
-        commanded: whether the network commanded the step, not the default behaviour [T].
-        abstained: whether a node won, but the forward model could not tell the candidates apart
-            [T].
+            -12, -45 and -90 degrees: left to right `[T, 6]`.
+        wall_distance: Rim to the nearest wall after each step `[T]` [m].
+        wall_side: Where that wall is after each step: 1 left, -1 right, 0 none within 50 mm `[T]`.
+        progress: Way along the nearest wall in each step, ≥ 0 `[T]` [m].
+        contact: Whether the robot touched a wall in each step `[T]`.
+        winners: Node that won the percept, -1 for no match `[T]`.
+        commanded: Whether the network commanded the step, not the default behaviour `[T]`.
+        abstained: Whether a node won, but the forward model predicted the same for all candidates
+            `[T]`.
 
     Raises:
-        ValueError: an array of another shape or kind, not finite, or with values out of range.
+        ValueError: An array of another shape or kind, not finite, or with values out of range.
     """
 
     poses: NDArray[np.floating]
@@ -78,7 +77,7 @@ class WallRun:
     abstained: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        """Refuses arrays that do not fit one another."""
+        """Refuse arrays that do not fit one another."""
         steps = np.size(self.progress)
         for name, (kind, columns) in _FIELDS.items():
             _check_array(name, getattr(self, name), kind, (steps, *columns))
@@ -90,16 +89,16 @@ class WallRun:
             raise ValueError(f"expected winners ≥ -1, got {self.winners.min()}")
 
     def __len__(self) -> int:
-        """Number of steps T."""
+        """Return the number of steps T."""
         return len(self.progress)
 
 
 def wf(run: WallRun) -> float:
-    """Wall following: progress near walls over what the teacher's speed would give.
+    """Return the progress near walls, relative to the teacher's speed.
 
         wf = sum of progress over the steps with the rim 8-50 mm from the wall / (SPEED T TIMESTEP)
 
-    From 0; 1 is a run that is always near a wall and moves along it at the teacher's speed. A
+    At least 0; 1 is a run that is always near a wall and moves along it at the teacher's speed. A
     faster robot may exceed 1.
     """
     low, high = NEAR_WALL
@@ -107,18 +106,18 @@ def wf(run: WallRun) -> float:
 
 
 def tight(run: WallRun) -> float:
-    """As `wf`, of the steps with the rim within 8 mm of the teacher's distance: 18-34 mm."""
+    """Return the same as `wf`, with the rim within 8 mm of the teacher's distance: 18-34 mm."""
     return _progress_share(run, np.abs(run.wall_distance - TEACHER_DISTANCE) <= TIGHT_MARGIN)
 
 
 def energy(run: WallRun) -> float:
-    """The wall energy of the paper, as a mean over steps.
+    """Return the wall energy of the paper, as a mean over steps.
 
         energy = mean of exp(-((d - 26 mm) / 10 mm)^2 / 2) min(1, progress / (SPEED TIMESTEP))
 
     with d the rim's distance to the nearest wall. From 0 to 1: 1 is a robot that always advances
-    along a wall, at the teacher's distance and at least at its speed. Standing still earns
-    nothing. The energy accumulated over a run is T times this.
+    along a wall, at the teacher's distance and at least at its speed. A robot that stands still has
+    0. The energy accumulated over a run is T times this.
     """
     offset = (run.wall_distance - TEACHER_DISTANCE) / ENERGY_WIDTH
     pace = np.minimum(1, run.progress / (SPEED * TIMESTEP))
@@ -126,24 +125,24 @@ def energy(run: WallRun) -> float:
 
 
 def contact_share(run: WallRun) -> float:
-    """Share of the steps in which the robot touched a wall, 0 to 1."""
+    """Return the share of the steps in which the robot touched a wall, 0 to 1."""
     return float(run.contact.mean())
 
 
 def side_kept(run: WallRun, side: int) -> float:
-    """Share of the steps along walls that had the wall on that side, 0 to 1.
+    """Return the share of the steps along walls that had the wall on that side, 0 to 1.
 
     A step is along a wall if one is within 50 mm and progress exceeds SPEED TIMESTEP / 2 = 3 mm.
 
     Args:
-        run: the run.
+        run: To score.
         side: 1 left, -1 right.
 
     Returns:
         The share; 0 for a run with no step along a wall.
 
     Raises:
-        ValueError: another side.
+        ValueError: Another side.
     """
     if side not in (1, -1):
         raise ValueError(f"expected side 1 (left) or -1 (right), got {side}")
@@ -151,41 +150,40 @@ def side_kept(run: WallRun, side: int) -> float:
 
 
 def sides_share(run: WallRun) -> dict[str, float]:
-    """`side_kept` of either side, by its name: they add up to 1 unless no step is along a wall."""
+    """Return name -> `side_kept` of both sides; they add up to 1 with any step along a wall."""
     return {name: side_kept(run, SIDES[name]) for name in (LEFT, RIGHT)}
 
 
 def side_continuity(run: WallRun) -> float:
-    """Share of the steps along walls with the wall on the side of the step along a wall before.
+    """Return the share of the steps along walls with the wall on the same side as before.
 
-    What lies between the two does not count: a robot that leaves a wall on its left and finds the
-    next on its left has kept its side. From 0 to 1; 0 for a run of fewer than two such steps.
+    Steps away from walls do not count: a robot that leaves a wall on its left and finds the next on
+    its left has kept its side. From 0 to 1; 0 for a run of fewer than two steps along walls.
     """
     sides = _sides_along(run)
     return _share(sides[1:] == sides[:-1])
 
 
 def side_changes(run: WallRun) -> float:
-    """Steps along walls on the other side than the one before, per 1,000 steps of the run."""
+    """Return the changes of the wall's side per 1,000 steps of the run."""
     sides = _sides_along(run)
     return 1000 * float((sides[1:] != sides[:-1]).sum()) / len(run)
 
 
 def position_spread(run: WallRun, window: int = STUCK_WINDOW) -> float:
-    """The least that the robot moved about in any `window` steps in a row [m].
+    """Return the smallest range of positions in any `window` consecutive steps [m].
 
-    The diagonal of the box, along x and y, that holds the positions after these steps; the
-    smallest of all. A robot that got stuck has a small one. A run shorter than the window counts
-    as one window.
+    The range is the diagonal of the bounding box, along x and y, of the positions. It is small if
+    the robot got stuck. A run shorter than the window counts as one window.
 
     Raises:
-        ValueError: a window below 1.
+        ValueError: A window below 1.
     """
     if window < 1:
         raise ValueError(f"expected window ≥ 1 step, got {window}")
     size = min(window, len(run))
     positions = run.poses[:, :2].astype(np.float64)
-    origin = -(size // 2)  # so that a window starts at its step instead of lying about it
+    origin = -(size // 2)  # so that a window starts at its step instead of being centred on it
     highest = maximum_filter1d(positions, size, axis=0, origin=origin)
     lowest = minimum_filter1d(positions, size, axis=0, origin=origin)
     whole = (highest - lowest)[: len(run) - size + 1]  # [windows, 2]
@@ -193,16 +191,16 @@ def position_spread(run: WallRun, window: int = STUCK_WINDOW) -> float:
 
 
 def name_clusters(prototypes: ArrayLike) -> list[str]:
-    """The cluster of each node by its prototype: "left", "no wall" or "right".
+    """Return the cluster of each node by its prototype: "left", "no wall" or "right".
 
-    "no wall" if the strongest reading is under 0.1; else the side whose three sensors sum higher,
-    the left if they sum the same.
+    "no wall" if the strongest reading is below 0.1; else the side with the higher sum of its three
+    sensors, the left if the sums are equal.
 
     Args:
-        prototypes: IR readings of each node, sensors left to right [N, 6].
+        prototypes: IR readings of each node, sensors left to right `[N, 6]`.
 
     Raises:
-        ValueError: prototypes of another shape, or not finite.
+        ValueError: Prototypes of another shape, or not finite.
     """
     readings = np.asarray(prototypes, dtype=np.float64)
     if readings.ndim != 2 or readings.shape[1] != 6 or not np.isfinite(readings).all():
@@ -213,23 +211,23 @@ def name_clusters(prototypes: ArrayLike) -> list[str]:
 
 
 def cluster_agreement(run: WallRun, names: Sequence[str]) -> float:
-    """Share of the winners whose cluster has the name of the robot's true wall side.
+    """Return the share of the winners whose cluster is the robot's true wall side.
 
-    The truth is `wall_side`: a wall counts up to 50 mm, though the IR sees it up to 70 mm, because
-    there a sensor that faces it reads 0.11, hardly above the 0.1 that `name_clusters` asks of a
-    wall. Every winner counts, also those at the border, where noise decides; `border_share` says
-    how many these may be. The first step is left out: its winner saw the place before any pose of
-    the run.
+    The truth is `wall_side`, which counts a wall up to 50 mm away. The IR sees a wall up to 70 mm
+    away, but there a sensor that faces it reads 0.11, hardly above the threshold 0.1 of
+    `name_clusters`. Every winner counts, including those at the border, where noise decides;
+    `border_share` bounds their number. The first step is left out: its percept was taken before the
+    first pose of the run.
 
     Args:
-        run: the run.
-        names: cluster of each node, by `name_clusters` [N].
+        run: To score.
+        names: Cluster of each node, from `name_clusters` `[N]`.
 
     Returns:
-        The share, 0 to 1; 0 if nobody won.
+        The share, 0 to 1; 0 without any winner.
 
     Raises:
-        ValueError: an unknown name, or fewer names than winners need.
+        ValueError: An unknown name, or fewer names than winners need.
     """
     unknown = set(names) - set(SIDES)
     if unknown or run.winners.max() >= len(names):
@@ -241,17 +239,17 @@ def cluster_agreement(run: WallRun, names: Sequence[str]) -> float:
 
 
 def border_share(run: WallRun) -> float:
-    """Share of the steps with the nearest wall 45-55 mm away, 0 to 1.
+    """Return the share of the steps with the nearest wall 45-55 mm away, 0 to 1.
 
-    There it is a matter of taste whether there is a wall; another choice in that band can change
-    `cluster_agreement`, of a run in which every step has a winner, by this share at most.
+    There it is ambiguous whether there is a wall. Another limit in that band changes
+    `cluster_agreement` by at most this share, in a run in which every step has a winner.
     """
     low, high = BORDER
     return float(np.mean((run.wall_distance >= low) & (run.wall_distance <= high)))
 
 
 def score_run(run: WallRun) -> dict[str, float]:
-    """All scores of a run that need nothing but the run; each is a function's, or a plain share."""
+    """Return all scores that need nothing but the run."""
     sides = sides_share(run)
     return {
         "wf": wf(run),
@@ -270,51 +268,24 @@ def score_run(run: WallRun) -> dict[str, float]:
     }
 
 
-class Summary(TypedDict):
-    """One score over replicates."""
-
-    mean: float
-    std: float  # of the sample, n - 1 below the line; 0 for one replicate
-    values: list[float]  # one a replicate, in their order
-
-
-def summarise(replicates: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
-    """Mean and sample standard deviation of each score over replicates.
-
-    Raises:
-        ValueError: no replicates, or with different scores.
-    """
-    if not replicates or any(scores.keys() != replicates[0].keys() for scores in replicates):
-        got = [sorted(scores) for scores in replicates]
-        raise ValueError(f"expected one or more replicates with the same scores, got {got}")
-    return {
-        name: _summary([float(scores[name]) for scores in replicates]) for name in replicates[0]
-    }
-
-
-def _summary(values: list[float]) -> Summary:
-    std = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-    return {"mean": float(np.mean(values)), "std": std, "values": values}
-
-
 def _progress_share(run: WallRun, counts: NDArray[np.bool_]) -> float:
-    """Progress over the steps that count, in units of the teacher's over the whole run."""
+    """Return the progress over the steps that count, relative to the teacher's."""
     return float(run.progress[counts].sum() / (SPEED * TIMESTEP * len(run)))
 
 
 def _sides_along(run: WallRun) -> NDArray[np.integer]:
-    """Side of the wall, 1 or -1, at each step along a wall."""
+    """Return the side of the wall, 1 or -1, at each step along a wall."""
     along = (run.wall_side != 0) & (run.progress > SPEED * TIMESTEP / 2)
     return run.wall_side[along]
 
 
 def _share(true: NDArray[np.bool_]) -> float:
-    """Share of true values; 0 of none."""
+    """Return the share of true values; 0 of none."""
     return float(true.mean()) if true.size else 0.0
 
 
 def _check_array(name: str, array: object, kind: str, shape: tuple[int, ...]) -> None:
-    """Refuses what is not a finite array of that kind and shape of at least one row."""
+    """Refuse what is not a finite array of that kind and shape with at least one row."""
     wanted = f"expected {name} as finite {_KINDS[kind]} of shape {list(shape)} with T ≥ 1"
     if not isinstance(array, np.ndarray):
         raise ValueError(f"{wanted}, got {type(array).__name__}")

@@ -1,4 +1,4 @@
-"""What one replicate of Experiment 2 learned, and variants of it that each lack one thing."""
+"""What one replicate of Experiment 2 learned, and variants of it that each lack one part."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pacnet import (
 )
 from train.walls.episodes import Transitions, wander
 from train.walls.learning import (
-    LESSON,
+    EPISODE,
     TRANSITIONS,
     Episode,
     fit,
@@ -34,14 +34,14 @@ FREE_SPEEDS = (0.0, 0.03, 0.06, 0.07)  # [m/s] of the candidates where the speed
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """What one replicate learned and from what.
+    """What one replicate learned, and from what.
 
     Attributes:
-        seed: of the replicate.
-        arena: where it learned.
-        wandering: from which the forward model was fitted.
-        episodes: of following.
-        network: taught, with the forward model.
+        seed: Of the replicate.
+        arena: Where it learned.
+        wandering: To which the forward model was fitted.
+        episodes: Of following.
+        network: Trained, with the forward model.
     """
 
     seed: int
@@ -52,20 +52,20 @@ class Learned:
 
 
 class Repeat(nn.Module):
-    """A forward model of nothing: the target is the action."""
+    """Return the target as the action, in place of a forward model."""
 
     action_dimensions = 2
 
     def command(self, states: Tensor, targets: Tensor) -> Command:
-        """The targets themselves `[B, U]`."""
+        """Return the targets themselves `[B, U]`."""
         return Command(targets, torch.ones(len(states), dtype=torch.bool))
 
     def reset(self) -> None:
-        """Does nothing."""
+        """Do nothing."""
 
 
 def learn(seed: int, arena: str | int) -> Learned:
-    """Wanders, fits, follows and observes, without writing anything."""
+    """Wander, fit, follow and observe, without writing anything."""
     wandering = wander(arena, TRANSITIONS, seed)
     model = make_forward_model(seed)
     fit(model, wandering, seed)
@@ -76,14 +76,14 @@ def learn(seed: int, arena: str | int) -> Learned:
 
 
 def with_forward_model(learned: Learned, forward_model: ForwardModel) -> PACNet:
-    """The taught network with another forward model."""
+    """Return the trained network with another forward model."""
     network = deepcopy(learned.network)
     network.forward_model = forward_model
     return network
 
 
 def _with_targets(learned: Learned, change: Callable[[Tensor], Tensor]) -> PACNet:
-    """The taught network with other targets `[P, 6]` in the place of its own."""
+    """Return the trained network with changed targets `[P, 6]`."""
     network = deepcopy(learned.network)
     every = [network.schemas.targets(node) for node in range(len(network.schemas))]  # views
     changed = change(torch.cat(every)).split([len(targets) for targets in every])
@@ -93,12 +93,12 @@ def _with_targets(learned: Learned, change: Callable[[Tensor], Tensor]) -> PACNe
 
 
 def constant_target(learned: Learned) -> PACNet:
-    """Every target is the mean of all."""
+    """Return the network with all targets replaced by their mean."""
     return _with_targets(learned, lambda targets: targets.mean(dim=0).expand_as(targets))
 
 
 def shuffled_targets(learned: Learned) -> PACNet:
-    """Every node has the targets of another, of which each of its cues gets one by chance."""
+    """Return the network with each node's targets drawn from those of another node."""
     network = deepcopy(learned.network)
     own, schemas = learned.network.schemas, network.schemas
     generator = torch.Generator().manual_seed(learned.seed)
@@ -111,10 +111,10 @@ def shuffled_targets(learned: Learned) -> PACNet:
 
 
 def mean_action(learned: Learned) -> PACNet:
-    """Each node repeats the mean of the actions that the learner made where the node won."""
+    """Return a network that repeats each node's mean action of the learner."""
     network = make_network(Repeat(), targets=2)
     for episode in learned.episodes:
-        network.observe(episode.percepts, episode.actions, LESSON)
+        network.observe(episode.percepts, episode.actions, EPISODE)
     for node in range(len(network.schemas)):
         actions = network.schemas.targets(node)  # a view
         actions.copy_(actions.mean(dim=0).expand_as(actions))
@@ -122,12 +122,12 @@ def mean_action(learned: Learned) -> PACNet:
 
 
 def untrained(learned: Learned) -> MLPForwardModel:
-    """A forward model with random weights."""
+    """Return a forward model with random weights."""
     return make_forward_model(learned.seed)
 
 
 def never_abstaining(learned: Learned) -> MLPForwardModel:
-    """The fitted forward model, acting however alike its predictions are."""
+    """Return the fitted forward model, acting however similar its predictions are."""
     fitted = _forward_model(learned)
     model = MLPForwardModel(replace(fitted.config, abstain_below=0.0))
     model.load_state_dict(fitted.state_dict())
@@ -135,17 +135,17 @@ def never_abstaining(learned: Learned) -> MLPForwardModel:
 
 
 def speed_free(learned: Learned) -> MLPForwardModel:
-    """The fitted forward model, choosing the speed too."""
+    """Return the fitted forward model, choosing the speed too."""
     model = make_forward_model(learned.seed, FREE_SPEEDS)
     model.load_state_dict(_forward_model(learned).state_dict())
     return model
 
 
 def transition_matrix(learned: Learned) -> TransitionMatrix:
-    """The paper's own forward model, from the same transitions.
+    """Return the paper's forward model, fitted to the same transitions.
 
-    It has seven of the candidates, one of them straight: of more, each would have been tried too
-    seldom.
+    It has seven of the candidates, one of them straight ahead; with more, each would have too few
+    samples.
     """
     config = _forward_model(learned).config
     model = TransitionMatrix(

@@ -1,4 +1,4 @@
-"""Episodes of several behaviours: the imitator performs what it is shown, and says what it sees."""
+"""Episodes of several behaviours: the imitator imitates and recognizes the one that is shown."""
 
 from __future__ import annotations
 
@@ -11,20 +11,31 @@ from numpy.typing import NDArray
 
 from pacnet import PACNet, Recognition
 from train.common.pool import share_out
-from train.postural.episodes import Condition, RecallEpisode, make_environment, recall_episode
+from train.postural.episodes import (
+    TASK,
+    Condition,
+    RecallEpisode,
+    make_environment,
+    recall_episode,
+)
 
+TASKS = {  # of each behaviour, in words
+    "drink": TASK,
+    "toast": "toast, then drink a glass of beer",
+    "move": "move a glass over the table",
+}
 SEVERAL, ONE = "several schemas per node", "one schema per node, overwritten"
 CHECKPOINTS = {SEVERAL: "checkpoint", ONE: "checkpoint_one_schema"}  # in the run's folder
 
 
 @dataclass(frozen=True, eq=False)
 class BehaviourEpisode:
-    """One episode, and what was made of it.
+    """One episode: what each system did and recognized.
 
     Attributes:
-        behaviour: that was shown, of `envs.behaviours.BEHAVIOURS`.
-        recalls: what the imitator did, by the system that it did it with.
-        recognition: of the same percepts, acting on nothing.
+        behaviour: That was shown, one of `envs.behaviours.BEHAVIOURS`.
+        recalls: System -> what the imitator did with it.
+        recognition: Of the same percepts, without acting.
     """
 
     behaviour: str
@@ -33,17 +44,17 @@ class BehaviourEpisode:
 
     @property
     def shown(self) -> RecallEpisode:
-        """Percepts, phases and the demonstrator's own movement; alike in all recalls."""
+        """Return percepts, phases and the demonstrator's movement, equal in all recalls."""
         return self.recalls[SEVERAL]
 
     @property
     def parting(self) -> int:
-        """The sample at which the glass has been grasped and the behaviours part."""
+        """Return the sample at which the glass has been grasped and the behaviours diverge."""
         return self._end_of("grasp")
 
     @property
     def approached(self) -> int:
-        """The first sample after the approach."""
+        """Return the first sample after the approach."""
         return self._end_of("approach")
 
     def _end_of(self, phase: str) -> int:
@@ -51,17 +62,17 @@ class BehaviourEpisode:
 
 
 def behaviour_episodes(folder: Path, tasks: Sequence[tuple[str, int]]) -> list[BehaviourEpisode]:
-    """Episodes of a run's checkpoints, in the order of their tasks, on all cores.
+    """Return episodes of a run's checkpoints, in the order of their tasks, run on all cores.
 
     Args:
-        folder: of the run.
-        tasks: the behaviour and the seed of each.
+        folder: Of the run.
+        tasks: Behaviour and seed of each episode.
     """
-    return share_out(_Worker, (folder,), tasks, "recalling and recognising")
+    return share_out(_Worker, (folder,), tasks, "recalling and recognizing")
 
 
 class _Worker:
-    """The loaded checkpoints, and an environment for each behaviour that was asked for."""
+    """Run episodes with the loaded checkpoints and an environment for each behaviour."""
 
     def __init__(self, folder: Path) -> None:
         self.networks = {

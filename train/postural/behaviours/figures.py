@@ -1,4 +1,4 @@
-"""Figures of several behaviours: when the one shown is named, and how novel a new one is."""
+"""Figures of several behaviours: when the shown one is recognized, and how novel a new one is."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from pacnet.evaluation.figure_style import BLUE, GREEN, GREY, VERMILION, new_figure, tidy
 
 _COLOURS = (BLUE, VERMILION, GREEN)
-_BEFORE, _AFTER = 2.5, 2.5  # [s] drawn around the parting
+_BEFORE, _AFTER = 2.5, 2.5  # [s] drawn before and after the behaviours diverge
 
 
 def naming(
@@ -20,12 +20,12 @@ def naming(
     deadlines: Sequence[float],
     timestep: float,
 ) -> Figure:
-    """The probability of the behaviour that is shown, around the parting.
+    """Draw the probability of the shown behaviour around the sample where behaviours diverge.
 
     Args:
-        probabilities: of that behaviour at each sample [T], for each episode of each behaviour.
-        partings: the sample of each episode at which the behaviours part.
-        deadlines: a tenth of each episode [s].
+        probabilities: Behaviour -> for each episode, its probability at each sample `[T]`.
+        partings: Behaviour -> for each episode, the sample at which the behaviours diverge.
+        deadlines: A tenth of the duration of each episode [s].
         timestep: Time from one sample to the next [s].
     """
     figure = new_figure(7.5, 3.8)
@@ -55,13 +55,13 @@ def naming(
 
 
 def novelty(known: ArrayLike, new: ArrayLike, threshold: float, names: tuple[str, str]) -> Figure:
-    """How the novelty of single percepts is distributed.
+    """Draw the distribution of the novelty of single percepts.
 
     Args:
-        known: of percepts of what was taught [N].
-        new: of percepts of what was not [M].
-        threshold: over which a percept is called novel.
-        names: of both.
+        known: Novelty of percepts of taught behaviours `[N]`.
+        new: Novelty of percepts of other behaviours `[M]`.
+        threshold: Above which a percept is novel.
+        names: Of both, for the legend.
     """
     figure = new_figure(7.5, 3.4)
     axes = figure.subplots()

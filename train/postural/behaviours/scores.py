@@ -1,4 +1,4 @@
-"""Scores of several behaviours: what the imitator completes, what it recognises and what is new."""
+"""Scores of several behaviours: imitation, recognition and novelty."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from envs.humanoid import JOINTS
 from envs.kinematics import BodyKinematics
-from pacnet.evaluation.metrics import area_under_roc
+from pacnet.evaluation.arrays import finite_array
 from train.postural.behaviours.episodes import ONE, SEVERAL, BehaviourEpisode
+from train.postural.learning import SCALE
 from train.postural.scores import score_episodes
-from train.postural_imitation import SCALE
 
-NAMING_SHARE = 0.1  # of an episode after the parting, within which the behaviour is to be named
+NAMING_SHARE = 0.1  # of an episode, after the parting: time within which to name the behaviour
 RECALLED = ("task_success_rate", "wrist_distance_mean_m", "wrist_distance_max_m", "commanded_share")
 
 
 def score_recall(
     episodes: Sequence[BehaviourEpisode], taught: Sequence[str]
 ) -> dict[str, dict[str, dict[str, Any]]]:
-    """By system and taught behaviour: does the imitator complete the one that is shown."""
+    """Return system -> taught behaviour -> scores of its imitation."""
     scores: dict[str, dict[str, dict[str, Any]]] = {}
     for system in (SEVERAL, ONE):
         scores[system] = {}
@@ -40,14 +40,14 @@ def score_recall(
 def score_recognition(
     episodes: Sequence[BehaviourEpisode], taught: Sequence[str]
 ) -> dict[str, float | int]:
-    """What is recognised in episodes of the taught behaviours.
+    """Return the scores of recognition in episodes of the taught behaviours.
 
     Args:
-        episodes: of these behaviours.
-        taught: the behaviours, in the order in which the network knows them.
+        episodes: Of these behaviours.
+        taught: The behaviours, in the order of the network.
 
     Returns:
-        `docs/behaviours.md` defines each.
+        The scores, defined in `docs/behaviours.md`.
     """
     rights = [e.recognition.behaviour.numpy() == taught.index(e.behaviour) for e in episodes]
     deadlines = [e.parting + int(NAMING_SHARE * len(e.shown.phases)) for e in episodes]
@@ -73,7 +73,7 @@ def score_recognition(
 def score_novelty(
     known: Sequence[BehaviourEpisode], new: Sequence[BehaviourEpisode]
 ) -> dict[str, float | int]:
-    """How well novelty tells episodes of another behaviour from those of the taught ones."""
+    """Return how well novelty separates episodes of another behaviour from taught ones."""
     novelty = [[e.recognition.novelty.numpy() for e in some] for some in (known, new)]
     means = [[float(each.mean()) for each in some] for some in novelty]
     later = [np.concatenate([_later(e) for e in some]) for some in (known, new)]
@@ -90,8 +90,29 @@ def score_novelty(
     }
 
 
+def area_under_roc(known: ArrayLike, new: ArrayLike) -> float:
+    """Return how well a score separates the new from the known, from 0 to 1; 0.5 is chance.
+
+    The probability that the new one of a random pair has the higher score, counting half where both
+    are equal: the area under the receiver operating characteristic (Hanley & McNeil 1982).
+
+    Args:
+        known: Scores of what is known `[N ≥ 1]`.
+        new: Scores of what is new `[M ≥ 1]`.
+
+    Raises:
+        ValueError: Scores that are not one or more finite numbers.
+    """
+    below = np.sort(finite_array("known", known, ("N",)))
+    above = finite_array("new", new, ("M",))
+    if not (len(below) and len(above)):
+        raise ValueError(f"expected one or more scores, got {len(below)} known, {len(above)} new")
+    wins = np.searchsorted(below, above, "left") + np.searchsorted(below, above, "right")
+    return float(wins.mean() / (2 * len(below)))
+
+
 def _wrist_distance_at_parting(episode: BehaviourEpisode, system: str) -> float:
-    """Mean distance [m] of both wrists in the tenth of an episode in which the behaviours part."""
+    """Return the mean distance [m] of both wrists in the tenth of an episode after the parting."""
     recall = episode.recalls[system]
     apart = np.linalg.norm(recall.demonstrator_wrist - recall.imitator_wrist, axis=1)
     until = episode.parting + int(NAMING_SHARE * len(apart))
@@ -107,7 +128,7 @@ def _alarms(episode: BehaviourEpisode) -> NDArray[np.bool_]:
 
 
 def _until_right(right: NDArray[np.bool_]) -> int:
-    """Samples until the right behaviour is named for the first time."""
+    """Return the samples until the right behaviour is named for the first time."""
     return int(right.argmax()) if right.any() else len(right)
 
 
@@ -117,7 +138,7 @@ def _progress_errors(episode: BehaviourEpisode) -> NDArray[np.float64]:
 
 
 def _end_errors(episodes: Sequence[BehaviourEpisode]) -> NDArray[np.float64]:
-    """How far [m] the wrist expected at the end, halfway through, is from where it ended."""
+    """Return the errors [m] of the final wrist position expected halfway."""
     body, errors = BodyKinematics(), []
     for episode in episodes:
         halfway = len(episode.shown.phases) // 2
@@ -127,7 +148,7 @@ def _end_errors(episodes: Sequence[BehaviourEpisode]) -> NDArray[np.float64]:
 
 
 def _next_errors(episode: BehaviourEpisode) -> tuple[float, float]:
-    """Mean square of the next percept's error, and of that of expecting no change; scaled."""
+    """Return the mean squares of the next percept's error and of its change, scaled."""
     percepts = episode.shown.percepts * np.array(SCALE)
     expected = episode.recognition.next_percept.numpy() * np.array(SCALE)
     return (

@@ -1,4 +1,4 @@
-"""Episodes of an imitator that pauses where all is new, and demonstrations for it to learn from."""
+"""Episodes of an imitator that pauses when a percept is novel, and demonstrations to correct it."""
 
 from __future__ import annotations
 
@@ -17,45 +17,45 @@ from pacnet.datasets.format.features import Feature
 from pacnet.imitator.imitator import Imitator
 from train.common.pool import share_out
 from train.postural.episodes import TASK, Condition, make_environment
-from train.postural_imitation import FEATURES, frames_of
+from train.postural.learning import FEATURES, frames_of
 
-Offset = tuple[float, float]  # [m] of the glasses from their usual place
+Offset = tuple[float, float]  # of the glasses from their usual place [m]
 USUAL: Offset = (0.0, 0.0)
 
 COLUMNS = {
     **FEATURES,
-    "novelty": ("novelty",),  # to the imitator, before it learned the episode
-    "winner": Feature(("winner",), "int64"),  # node of its map, likewise
+    "novelty": ("novelty",),  # before the imitator learned the episode
+    "winner": Feature(("winner",), "int64"),  # node of its map, before as well
     "next.success": Feature(("success",), "bool"),
 }
 
 
 class Situation(NamedTuple):
-    """What an episode is drawn from."""
+    """The seed of an episode and the place of the glasses in it."""
 
     seed: int
     offset: Offset
 
 
 class Pause(NamedTuple):
-    """Where an imitator stopped, and what was new to it."""
+    """Where an imitator stopped, and what was novel to it."""
 
     step: int
     dimension: str  # of the percept
-    deviation: float  # more than what is known, in the dimension's own unit; less if negative
-    tolerated: float  # of such a deviation, in size
+    deviation: float  # from the known percepts, in the dimension's own unit
+    tolerated: float  # largest deviation that is not novel
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """An episode of T steps in which the imitator did what it could, and paused where it was new.
+    """An episode of T steps in which the imitator acted until something was novel.
 
     Attributes:
-        novelty: at each step `[T]`; more than 1 is new.
-        pause: the first time that it was; from there on the imitator held still.
-        grasp: the step at which the demonstrator's hand was at its glass.
-        contact: the step at which the imitator had its own glass in hand, or None.
-        success: whether the imitator did what it was shown.
+        novelty: At each step `[T]`; above 1 a percept is novel.
+        pause: The first novel step, after which the imitator held still.
+        grasp: Step at which the demonstrator's hand was at its glass.
+        contact: Step at which the imitator held its own glass, or None.
+        success: Whether the imitator completed the task.
     """
 
     novelty: NDArray[np.float64]
@@ -65,25 +65,25 @@ class Attempt:
     success: bool
 
     @property
-    def needs_nobody(self) -> bool:
-        """Whether it did what it was shown without ever pausing."""
+    def is_autonomous(self) -> bool:
+        """Return whether the imitator succeeded without pausing."""
         return self.success and self.pause is None
 
     @property
     def paused_in_time(self) -> bool:
-        """Whether it paused before anybody's hand was at a glass."""
+        """Return whether the imitator paused before any hand was at a glass."""
         first = self.grasp if self.contact is None else min(self.grasp, self.contact)
         return self.pause is not None and self.pause.step < first
 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """One attempt while the imitator is corrected, and what came of it.
+    """One attempt while the imitator is corrected, and its correction.
 
     Attributes:
-        place: number of the new place, from 1; 0 is the usual one.
-        attempt: what the imitator did.
-        learning: time that learning the correction took [s]; None without one.
+        place: Number of the new place, from 1; 0 is the usual one.
+        attempt: What the imitator did.
+        learning: Duration of learning the correction [s]; None without one.
     """
 
     place: int
@@ -92,12 +92,12 @@ class Turn:
 
 
 def attempt(imitator: Imitator, environment: PosturalImitationEnv, situation: Situation) -> Attempt:
-    """Lets an imitator act while the demonstrator does, until something is new to it.
+    """Let an imitator act beside the demonstrator until something is novel to it.
 
     Args:
-        imitator: a taught one.
-        environment: to act in.
-        situation: of the episode.
+        imitator: A trained one.
+        environment: To act in.
+        situation: Of the episode.
     """
     imitator.reset()
     observation, info = _begin(environment, situation)
@@ -123,18 +123,18 @@ def attempt(imitator: Imitator, environment: PosturalImitationEnv, situation: Si
 
 
 def attempts(checkpoint: str | Path, situations: Sequence[Situation], label: str) -> list[Attempt]:
-    """What a checkpoint does in each situation, in their order, on all cores.
+    """Return the attempts of a checkpoint in each situation, run on all cores.
 
     Args:
-        checkpoint: folder of an imitator.
-        situations: one an episode.
-        label: of the progress bar.
+        checkpoint: Folder of an imitator.
+        situations: One for each episode.
+        label: Of the progress bar.
     """
     return share_out(_Worker, (checkpoint,), situations, label)
 
 
 class _Worker:
-    """A loaded imitator and an environment that run episode after episode."""
+    """Run episodes with a loaded imitator and an environment."""
 
     def __init__(self, checkpoint: str | Path) -> None:
         self.imitator = Imitator.from_pretrained(checkpoint).eval()
@@ -147,14 +147,14 @@ class _Worker:
 def demonstrate(
     environment: PosturalImitationEnv, situation: Situation
 ) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.bool_]]:
-    """The demonstrator shows, in this very situation, what is to be done; the imitator watches.
+    """Let the imitator watch a demonstration in this situation.
 
     Args:
-        environment: to watch in.
-        situation: of the demonstration.
+        environment: To watch in.
+        situation: Of the demonstration.
 
     Returns:
-        The features of what was seen, T frames, and whether after each of them it was done `[T]`.
+        The features of T frames, and whether the task was completed after each frame `[T]`.
     """
     observation, _ = _begin(environment, situation)
     percepts, done, truncated = [percept(observation)], [], False
@@ -166,12 +166,12 @@ def demonstrate(
 
 
 def as_demonstration(number: int, frames: dict[str, NDArray[np.float32]]) -> Demonstration:
-    """What was seen, as an imitator learns it."""
+    """Return the recorded features as a demonstration to learn."""
     return Demonstration(number, TASK, *(torch.from_numpy(frames[name]) for name in FEATURES))
 
 
 def columns_of(shown: Demonstration) -> dict[str, NDArray[np.generic]]:
-    """A demonstration, as it is recorded."""
+    """Return a demonstration as recorded features."""
     values = (shown.state, shown.environment_state, shown.action)
     return {name: rows.numpy() for name, rows in zip(FEATURES, values, strict=True)}
 
@@ -179,12 +179,12 @@ def columns_of(shown: Demonstration) -> dict[str, NDArray[np.generic]]:
 def annotate(
     imitator: Imitator, shown: Demonstration, done: NDArray[np.bool_]
 ) -> dict[str, NDArray[np.generic]]:
-    """The columns that are recorded beside a demonstration: what the imitator makes of it.
+    """Return the columns recorded beside a demonstration: novelty, winner, success.
 
     Args:
-        imitator: before it learns the demonstration.
-        shown: T frames.
-        done: whether after each of them it was done `[T]`.
+        imitator: Before it learns the demonstration.
+        shown: Of T frames.
+        done: Whether the task was completed after each frame `[T]`.
     """
     imitator.reset()
     steps = [imitator.step(percepts) for percepts in shown.percepts]

@@ -1,4 +1,4 @@
-"""The figure of an imitator that pauses: how novel a known and a new situation are to it."""
+"""The novelty of a known and a new situation to an imitator, over time."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _COLOURS = (BLUE, VERMILION)
 
 
 def novelty_over_time(attempts: Mapping[str, Attempt], timestep: float) -> Figure:
-    """The novelty of episodes, with the pause and the contact with the glass marked.
+    """Draw the novelty of episodes, with the pause and the contact with the glass marked.
 
     Args:
-        attempts: two episodes, each by its name.
-        timestep: time from one step to the next [s].
+        attempts: Name -> episode, two of them.
+        timestep: Time from one step to the next [s].
     """
     figure = new_figure(7.5, 3.8)
     axes = figure.subplots()
-    tidy(axes, "How new is what is seen?", "time [s]", "novelty, in tolerances")
+    tidy(axes, "Novelty of percepts", "time [s]", "novelty, in tolerances")
     for (name, attempt), colour in zip(attempts.items(), _COLOURS, strict=True):
         times = timestep * np.arange(len(attempt.novelty))
         axes.plot(times, attempt.novelty, color=colour, linewidth=1.2, label=name)
@@ -39,11 +39,16 @@ def novelty_over_time(attempts: Mapping[str, Attempt], timestep: float) -> Figur
             )
         if attempt.contact is not None:
             axes.axvline(
-                times[attempt.contact], color=colour, linestyle=":", label="its hand at its glass"
+                times[attempt.contact],
+                color=colour,
+                linestyle=":",
+                label="imitator's hand at its glass",
             )
     grasp = max(attempt.grasp for attempt in attempts.values())
-    axes.axvline(timestep * grasp, color=GREY, linestyle="--", label="the demonstrator's hand")
-    axes.axhline(1, color=GREY, linewidth=1, label="new above")
+    axes.axvline(
+        timestep * grasp, color=GREY, linestyle="--", label="demonstrator's hand at its glass"
+    )
+    axes.axhline(1, color=GREY, linewidth=1, label="novel above")
     axes.set_ylim(bottom=0)
     figure.legend(frameon=False, fontsize=9, loc="outside lower center", ncols=3)
     return figure

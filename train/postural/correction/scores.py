@@ -1,4 +1,4 @@
-"""Scores of an imitator that pauses where all is new, at known and at new places, as a table."""
+"""Scores of an imitator that pauses when a percept is novel, and their table."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SHOWN = ("episodes", "success_rate", "paused_share", "paused_in_time_share", "n
 
 
 def score_attempts(attempts: Sequence[Attempt]) -> dict[str, Any]:
-    """Scores of episodes of one kind."""
+    """Return the scores of episodes of one kind."""
     pauses = [attempt.pause for attempt in attempts if attempt.pause is not None]
     largest = [float(attempt.novelty.max()) for attempt in attempts]
     return {
@@ -31,7 +31,7 @@ def score_attempts(attempts: Sequence[Attempt]) -> dict[str, Any]:
 
 
 def score_turn(turn: Turn) -> dict[str, Any]:
-    """What happened at one attempt while the imitator was corrected."""
+    """Return what happened at one attempt during the corrections."""
     pause = turn.attempt.pause
     return {
         "place": turn.place,
@@ -45,21 +45,21 @@ def score_turn(turn: Turn) -> dict[str, Any]:
 
 
 def print_turn(turn: Turn) -> None:
-    """One line that says what the imitator did, why it stopped, and what it learned."""
+    """Print what the imitator did, why it paused and how long it learned."""
     where = f"place {turn.place}" if turn.place else "usual place"
-    print(f"{where:12}  {_told(turn.attempt)}{_learned(turn.learning)}")
+    print(f"{where:12}  {_describe(turn.attempt)}{_learned(turn.learning)}")
 
 
 def print_scores(scores: Mapping[str, Mapping[str, Any]]) -> None:
-    """Scores by the kind of episodes."""
+    """Print kind of episodes -> scores as a table."""
     print(f"\n{'':28}" + "".join(f"{name:>22}" for name in _SHOWN))
     for kind, score in scores.items():
         numbers = (score[name] for name in _SHOWN)
-        told = (f"{n:22d}" if isinstance(n, int) else f"{n:22.3f}" for n in numbers)
-        print(f"{kind:28}" + "".join(told))
+        cells = (f"{n:22d}" if isinstance(n, int) else f"{n:22.3f}" for n in numbers)
+        print(f"{kind:28}" + "".join(cells))
 
 
-def _told(attempt: Attempt) -> str:
+def _describe(attempt: Attempt) -> str:
     pause = attempt.pause
     if pause is None:
         return "acted, with success" if attempt.success else "acted, without success"

@@ -1,7 +1,7 @@
-"""Scores of recognised episodes against the tasks that they were recorded as, and their table.
+"""Scores of recognized episodes against the tasks that they were recorded as, and their table.
 
-Behaviour: the one named is the most probable at the episode's last frame. Progress: a frame's true
-progress is its share of the episode's length, from 0 at the first frame to 1 at the last.
+An episode is named by the most probable behaviour at its last frame. The true progress of a frame
+is its share of the episode's length, from 0 at the first frame to 1 at the last.
 """
 
 from __future__ import annotations
@@ -11,69 +11,73 @@ from typing import Any
 
 import torch
 
-from pacnet.evaluation.recognised import Watched
+from pacnet.evaluation.recognized import RecognizedEpisode
 
 _LONGEST_NAME = 30  # letters of a behaviour's name in the table
 
 
-def score_episode(watched: Watched, behaviours: Sequence[str], fps: float) -> dict[str, Any]:
-    """The scores of one episode.
+def score_episode(
+    episode: RecognizedEpisode, behaviours: Sequence[str], fps: float
+) -> dict[str, Any]:
+    """Return the scores of one episode.
 
     Args:
-        watched: the episode.
-        behaviours: name of each behaviour that the network knows.
-        fps: frames per second [1/s].
+        episode: To score.
+        behaviours: Name of each behaviour that the network knows.
+        fps: Frames per second [1/s].
 
     Returns:
-        The behaviour named and its probability at the last frame; the time [s] and the share of the
+        The named behaviour and its probability at the last frame; the time [s] and the share of the
         episode from which on no other was the most probable; mean novelty; share of novel frames;
-        mean absolute error of progress, None for an episode of another task.
+        mean absolute error of progress, None for an episode of an unknown task.
     """
-    recognition, task = watched.recognition, watched.demonstration.task
-    named, for_good = int(recognition.behaviour[-1]), watched.named_since
-    known = watched.known_as(behaviours)
+    recognition, task = episode.recognition, episode.demonstration.task
+    named, stable_from = int(recognition.behaviour[-1]), episode.stable_from
     return {
-        "episode": watched.demonstration.episode,
+        "episode": episode.demonstration.episode,
         "task": task,
         "named": behaviours[named],
         "probability": float(recognition.probability[-1, named]),
-        "named_from_s": for_good / fps,
-        "named_from_share": for_good / len(recognition.behaviour),
+        "named_from_s": stable_from / fps,
+        "named_from_share": stable_from / len(recognition.behaviour),
         "novelty_mean": float(recognition.novelty.mean()),
         "novel_share": float(recognition.is_novel.float().mean()),
-        "progress_error_mean": float(_progress_errors(watched).mean()) if known else None,
+        "progress_error_mean": (
+            float(_progress_errors(episode).mean()) if task in behaviours else None
+        ),
     }
 
 
-def score_all(watched: Sequence[Watched], behaviours: Sequence[str]) -> dict[str, Any]:
-    """The scores of all episodes together; None where there is nothing to score.
+def score_all(episodes: Sequence[RecognizedEpisode], behaviours: Sequence[str]) -> dict[str, Any]:
+    """Return the scores of all episodes together; None where there is nothing to score.
 
     Args:
-        watched: the episodes.
-        behaviours: name of each behaviour that the network knows.
+        episodes: To score.
+        behaviours: Name of each behaviour that the network knows.
 
     Returns:
         The number of episodes, and of those recorded as a behaviour that the network knows; of the
         latter the share named as recorded, the mean absolute error of progress over all frames and
         the share of novel frames (false alarms); the share of novel frames of the others.
     """
-    known = [one for one in watched if one.known_as(behaviours)]
-    others = [one for one in watched if not one.known_as(behaviours)]
+    known = [episode for episode in episodes if episode.demonstration.task in behaviours]
+    others = [episode for episode in episodes if episode.demonstration.task not in behaviours]
     right = [
-        behaviours[int(one.recognition.behaviour[-1])] == one.demonstration.task for one in known
+        behaviours[int(episode.recognition.behaviour[-1])] == episode.demonstration.task
+        for episode in known
     ]
     return {
-        "watched": len(watched),
+        "watched": len(episodes),
         "of_known_tasks": len(known),
         "named_as_recorded_share": _mean([torch.tensor(right)]) if known else None,
-        "progress_error_mean": _mean([_progress_errors(one) for one in known]),
-        "novel_share_of_known_tasks": _mean([one.recognition.is_novel for one in known]),
-        "novel_share_of_other_tasks": _mean([one.recognition.is_novel for one in others]),
+        "progress_error_mean": _mean([_progress_errors(episode) for episode in known]),
+        "novel_share_of_known_tasks": _mean([episode.recognition.is_novel for episode in known]),
+        "novel_share_of_other_tasks": _mean([episode.recognition.is_novel for episode in others]),
     }
 
 
 def print_table(episodes: Sequence[dict[str, Any]], totals: dict[str, Any]) -> None:
-    """The scores, a row an episode, then of all together."""
+    """Print a row of scores for each episode, then the scores of all together."""
     longest = max(len(row[name]) for row in episodes for name in ("task", "named"))
     width = min(max(longest, len("recorded as")), _LONGEST_NAME)
     print(
@@ -93,12 +97,12 @@ def print_table(episodes: Sequence[dict[str, Any]], totals: dict[str, Any]) -> N
         print(f"{name:<28}{shown:>16}")
 
 
-def _progress_errors(watched: Watched) -> torch.Tensor:
-    """Absolute error of progress at each frame [T]."""
-    progress = watched.recognition.progress
+def _progress_errors(episode: RecognizedEpisode) -> torch.Tensor:
+    """Return the absolute error of progress at each frame `[T]`."""
+    progress = episode.recognition.progress
     return (progress - torch.linspace(0, 1, len(progress), dtype=progress.dtype)).abs()
 
 
 def _mean(parts: Sequence[torch.Tensor]) -> float | None:
-    """Mean over all elements of all parts, None without any."""
+    """Return the mean over all elements of all parts, None without any."""
     return float(torch.cat([part.double() for part in parts]).mean()) if parts else None

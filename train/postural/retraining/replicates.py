@@ -1,6 +1,6 @@
-"""Replicates of the retraining experiment: demonstrations of which some are spoiled, and networks.
+"""Replicates of the retraining experiment: partly spoiled demonstrations, and networks.
 
-The networks of a replicate differ in their motor schemas and in the order of what they are shown.
+The networks of a replicate differ in their motor schemas and in the order of the demonstrations.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pacnet.datasets.recorder import Recorder
 from train.common.expected_findings import expect_findings
 from train.common.pool import processes
 from train.postural.episodes import (
+    FPS,
     PERCEPTS,
     TARGETS,
     TASK,
@@ -30,24 +31,23 @@ from train.postural.episodes import (
     recall_seeds,
     watch_demonstration,
 )
-from train.postural.report import FPS
-from train.postural.scores import Scores, score_episodes
-from train.postural_imitation import (
+from train.postural.learning import (
     FEATURES,
     NOVELTY_THRESHOLD,
     frames_of,
     learn,
     make_network,
 )
+from train.postural.scores import Scores, score_episodes
 
 
 class Policy(NamedTuple):
     """How a network learns.
 
     Attributes:
-        schemas: its motor schemas.
-        shown: the demonstrations in the order in which they were drawn, those that are not spoiled
-            before those that are, or the former alone.
+        schemas: Its motor schemas.
+        shown: All demonstrations in the order in which they were drawn, all with the spoiled ones
+            last, or only the unspoiled ones.
     """
 
     schemas: MotorSchemasConfig | CompetingSchemasConfig
@@ -67,16 +67,16 @@ POLICIES = {
 }
 
 WHY_SPOILED = "spoiled on purpose: the hand trembles, is interrupted or misses the glass"
-_REPLICATES, _MISHAPS = 2, 3  # what seeds are drawn for, beside demonstrations and recalls
+_REPLICATES, _MISHAPS = 2, 3  # purposes for which seeds are drawn, after demonstrations and recalls
 
 
 @dataclass(frozen=True)
 class Replicate:
-    """What decides a replicate.
+    """The seed of a replicate, and its mishaps.
 
     Attributes:
-        seed: of all its draws.
-        mishaps: what goes wrong in each of its demonstrations, in order; None for nothing.
+        seed: Of all its random numbers.
+        mishaps: What goes wrong in each demonstration, in order; None for nothing.
     """
 
     seed: int
@@ -86,13 +86,13 @@ class Replicate:
 def draw_replicates(
     seed: int, count: int, demonstrations: int, spoiled: float
 ) -> tuple[Replicate, ...]:
-    """Replicates of a run; fewer are the first of more.
+    """Draw the replicates of a run; a smaller count gives the first of them.
 
     Args:
-        seed: of the run.
-        count: of replicates.
-        demonstrations: of each replicate, ≥ 2.
-        spoiled: share of them that have a mishap, rounded; at least one has, and not all.
+        seed: Of the run.
+        count: Number of replicates.
+        demonstrations: Number in each replicate, ≥ 2.
+        spoiled: Share of them with a mishap, rounded; at least one, but not all.
     """
     number = min(max(round(spoiled * demonstrations), 1), demonstrations - 1)
     seeds = np.random.SeedSequence([seed, _REPLICATES]).generate_state(count).tolist()
@@ -112,11 +112,11 @@ class TrainingRun:
     """One network of one replicate.
 
     Attributes:
-        replicate: whose demonstrations it learns.
-        policy: one of `POLICIES`.
-        dataset: folder of the demonstrations.
-        checkpoint: folder in which it is kept.
-        episodes: number of new ones that it recalls.
+        replicate: Whose demonstrations it learns.
+        policy: One of `POLICIES`.
+        dataset: Folder of the demonstrations.
+        checkpoint: Folder to save it in.
+        episodes: Number of new episodes to recall.
     """
 
     replicate: Replicate
@@ -127,7 +127,7 @@ class TrainingRun:
 
 
 def record(replicate: Replicate, folder: Path) -> None:
-    """Records a replicate's demonstrations, spoiled ones among them, into a LeRobot dataset."""
+    """Record a replicate's demonstrations, including spoiled ones, into a LeRobot dataset."""
     environment = make_environment(Condition())
     seeds = demonstration_seeds(replicate.seed, len(replicate.mishaps))
     with Recorder(folder, FPS, FEATURES, "postural_imitation") as recorder:
@@ -139,7 +139,7 @@ def record(replicate: Replicate, folder: Path) -> None:
 
 
 def shown_to(policy: Policy, replicate: Replicate) -> list[int]:
-    """Places, in the order as drawn, of the demonstrations that a network is shown, in order."""
+    """Return the indices of the demonstrations that a network learns, in order."""
     spoiled = [mishap is not None for mishap in replicate.mishaps]
     if policy.shown == "as drawn":
         return list(range(len(spoiled)))
@@ -150,7 +150,7 @@ def shown_to(policy: Policy, replicate: Replicate) -> list[int]:
 
 
 def teach(run: TrainingRun) -> None:
-    """A network learns its demonstrations, each once, and is saved."""
+    """Let a network learn its demonstrations, each once, and save it."""
     policy = POLICIES[run.policy]
     recorded = load_demonstrations(run.dataset)
     shown = tuple(
@@ -163,7 +163,7 @@ def teach(run: TrainingRun) -> None:
 
 
 def teach_and_score(run: TrainingRun) -> Scores:
-    """Teaches a network, loads it, and scores it on episodes in which nothing goes wrong."""
+    """Teach a network, load it, and score it on episodes without mishaps."""
     teach(run)
     network = PACNet.from_pretrained(run.checkpoint).eval()
     environment = make_environment(Condition())
@@ -176,12 +176,12 @@ def teach_and_score(run: TrainingRun) -> Scores:
 def run_replicates(
     replicates: Sequence[Replicate], folder: Path, episodes: int
 ) -> Iterator[dict[str, Scores]]:
-    """Policy -> scores of each replicate in turn, on all cores; their number changes nothing.
+    """Yield policy -> scores of each replicate in turn, run on all cores.
 
     Args:
-        replicates: to run.
-        folder: of the run, for datasets and checkpoints.
-        episodes: of each replicate to recall.
+        replicates: To run.
+        folder: Of the run, for datasets and checkpoints.
+        episodes: Number to recall with each network.
     """
     datasets = [folder / "dataset" / f"replicate-{number}" for number in range(len(replicates))]
     runs = [

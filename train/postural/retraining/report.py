@@ -1,4 +1,4 @@
-"""What the retraining experiment shows: means over replicates, by mishap too, a figure, a table."""
+"""The results of the retraining experiment: means over replicates, a figure, a table."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from envs.mishaps import MISHAPS
 from pacnet.evaluation.figure_style import BLUE, GREY, INK, VERMILION, new_figure, tidy
+from train.common.summary import Summary, summarise
 from train.postural.retraining.replicates import POLICIES, Replicate, shown_to
 from train.postural.scores import Scores
-from train.walls.scores import Summary, summarise
 
-WANTED = 0.9  # task success rate
+WANTED = 0.9  # goal of the task success rate
 LABELS = {
     "overwriting": "overwriting, as drawn",
     "several_schemas": "several schemas, as drawn",
@@ -25,7 +25,7 @@ LABELS = {
     "several_schemas_spoiled_last": "several schemas, spoiled last",
     "unspoiled": "overwriting, unspoiled alone",
 }
-RIVALS = {  # ours, and the overwriting that was shown the same
+BASELINES = {  # policy -> the one that overwrites and learns the same demonstrations
     "several_schemas": "overwriting",
     "several_schemas_spoiled_last": "overwriting_spoiled_last",
 }
@@ -37,35 +37,35 @@ _KEY = (
     Line2D([], [], color=BLUE, marker="o", markersize=4.5, linestyle="none", label="a replicate"),
     Line2D(
         [], [], color=VERMILION, marker="o", markersize=4.5, linestyle="none",
-        label="a replicate, shown a spoiled one last",
+        label="a replicate, spoiled one last",
     ),
     Line2D(
         [], [], color=INK, marker="|", markersize=12, markeredgewidth=2, linestyle="none",
         label="mean",
     ),
-    Line2D([], [], color=GREY, linewidth=5, alpha=0.4, label="wanted of ours"),
+    Line2D([], [], color=GREY, linewidth=5, alpha=0.4, label="goal of several schemas"),
 )  # fmt: skip
 
 
 class Outcome(NamedTuple):
-    """What came out of one replicate."""
+    """The scores of one replicate."""
 
     replicate: Replicate
     scores: Mapping[str, Scores]  # policy -> its scores
 
 
 def summary(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """All that goes into `metrics.json`: every policy over the replicates, and each replicate.
+    """Return all that `metrics.json` holds: every policy over the replicates, and each replicate.
 
     Args:
-        outcomes: of one or more replicates.
+        outcomes: Of one or more replicates.
     """
     policies = summarise_policies(outcomes)
     return {
         "policies": policies,
         "gained_over_overwriting": {
             policy: summarise([_gain(one.scores[policy], one.scores[other]) for one in outcomes])
-            for policy, other in RIVALS.items()
+            for policy, other in BASELINES.items()
         },
         "groups": {
             name: {"replicates": len(group), "policies": summarise_policies(group)}
@@ -79,7 +79,7 @@ def summary(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def summarise_policies(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Summary]]:
-    """Policy -> score -> mean, standard deviation and values over the replicates."""
+    """Return policy -> score -> mean, standard deviation and values over the replicates."""
     return {
         policy: summarise([outcome.scores[policy] for outcome in outcomes])
         for policy in outcomes[0].scores
@@ -87,7 +87,7 @@ def summarise_policies(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Summa
 
 
 def groups(outcomes: Sequence[Outcome]) -> dict[str, list[Outcome]]:
-    """Replicates by what was spoiled, without empty groups; those of mishaps may overlap."""
+    """Return the replicates by what was spoiled, without empty groups; groups may overlap."""
     named = {
         f"with {mishap}": [one for one in outcomes if mishap in one.replicate.mishaps]
         for mishap in MISHAPS
@@ -98,12 +98,12 @@ def groups(outcomes: Sequence[Outcome]) -> dict[str, list[Outcome]]:
 
 
 def _gain(ours: Scores, overwriting: Scores) -> Scores:
-    """By how much more one network scores than another that was shown the same."""
+    """Return the gain in each score over a network that learned the same demonstrations."""
     return {name: ours[name] - overwriting[name] for name in SHOWN[:3]}
 
 
 def draw(outcomes: Sequence[Outcome]) -> Figure:
-    """Success rate of each policy: a dot a replicate, and the mean."""
+    """Draw the success rate of each policy: a dot for each replicate, and the mean."""
     policies = summarise_policies(outcomes)
     figure = new_figure(8, 1.9 + 0.6 * len(policies))
     axes = figure.subplots()
@@ -129,12 +129,12 @@ def draw(outcomes: Sequence[Outcome]) -> Figure:
 
 
 def ends_spoiled(policy: str, replicate: Replicate) -> bool:
-    """Whether the last demonstration that a network was shown is a spoiled one."""
+    """Return whether the last demonstration that a network learned is spoiled."""
     return replicate.mishaps[shown_to(POLICIES[policy], replicate)[-1]] is not None
 
 
 def print_tables(scores: Mapping[str, Any]) -> None:
-    """Every policy over all replicates, what it gained, and success by what was spoiled."""
+    """Print every policy over all replicates, its gain, and success by what was spoiled."""
     count = len(scores["replicates"])
     print("\n" + f"{f'{count} replicate(s), mean ± std':36}" + "".join(f"{n:>24}" for n in SHOWN))
     for policy, values in scores["policies"].items():
@@ -155,7 +155,7 @@ def _mean_and_std(score: Summary) -> str:
 
 
 def _apart(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Offsets that keep dots of the same value `[R]` apart, about 0."""
+    """Return offsets `[R]` about 0 that separate dots of the same value."""
     same = values[:, None] == values
     place = np.tril(same, -1).sum(axis=1)  # how many of the same value come before
     return 0.07 * (place - (same.sum(axis=1) - 1) / 2)

@@ -1,4 +1,4 @@
-"""Episodes of the paper's Figure 2: three behaviours watched, cut into 13 schemas, and imitated."""
+"""Episodes of the paper's Figure 2: three behaviours, segmented into 13 schemas, and imitated."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from train.postural.episodes import (
     make_environment,
     motor_targets,
 )
+from train.postural.learning import SCALE
 from train.postural.scores import winners_of
-from train.postural_imitation import SCALE
 
 # Behaviour -> its schemas, numbered from 1 as in the paper.
 SCHEMAS = {"drink": (1, 2, 3, 4, 5), "toast": (1, 6, 7, 8, 9), "move": (10, 11, 12, 13)}
-PARTS = 4  # of equal duration, into which a behaviour is cut after what it shares
+PARTS = 4  # of equal duration, after the shared part of a behaviour
 
-WIDTH = 0.5  # [scaled units]; noise alone keeps 0.07 away from the nearest percept of a sequence
-THRESHOLD = 0.5  # confidence: 0.35 away
-MARGIN = 0.1  # confidence: what noise makes of two equal ones seldom differs by more
+WIDTH = 0.5  # [scaled units]; noise alone is about 0.07 from the nearest percept of a sequence
+THRESHOLD = 0.5  # confidence at a distance of 0.35
+MARGIN = 0.1  # noise seldom makes equal confidences differ by more
 
 SCHEMA_NETWORK, PACNET = "schema network", "PACNet"
 SCHEMA_NETWORK_HELD, PACNET_HELD = "schema network, hysteresis", "PACNet, hysteresis"
@@ -44,7 +44,7 @@ SYSTEMS = (SCHEMA_NETWORK, SCHEMA_NETWORK_HELD, PACNET, PACNET_HELD)
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A demonstration as the imitator perceives it. T samples."""
+    """A demonstration of T samples, as the imitator perceives it."""
 
     percepts: NDArray[np.float32]  # [T, 28]
     phases: tuple[str, ...]  # [T]
@@ -52,7 +52,7 @@ class Shown:
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One behaviour shown once, to every system. T samples."""
+    """One behaviour of T samples, shown once to every system."""
 
     behaviour: str
     shown: Shown
@@ -61,20 +61,20 @@ class Episode:
 
 
 def watch(environment: PosturalImitationEnv, seed: int) -> Shown:
-    """A demonstration, watched by an imitator that rests."""
-    shown, _ = _live_through(environment, seed, lambda _: environment.rest_posture)
+    """Return a demonstration, watched by a resting imitator."""
+    shown, _ = _run_episode(environment, seed, lambda _: environment.rest_posture)
     return shown
 
 
 def make_schema_network(shown: Mapping[str, Shown]) -> SchemaNetwork:
-    """The 13 pairs, cut by hand out of one demonstration of each behaviour.
+    """Return 13 schemas, segmented by hand from one demonstration of each behaviour.
 
-    Schema 1 is the drink up to the grasp, the approach that drink and toast share; the rest of
-    either, and the whole of the move, are `PARTS` parts of equal duration. The percepts are
-    smoothed as the targets are: who gives schemas by hand gives clean ones.
+    Schema 1 is the drink up to the grasp, the approach that drink and toast share. The rest of
+    both, and the whole move, consist of `PARTS` parts of equal duration. The percepts are smoothed
+    like the targets: schemas made by hand are clean.
 
     Args:
-        shown: behaviour -> its demonstration.
+        shown: Behaviour -> its demonstration.
     """
     rules = CompetitionConfig(THRESHOLD)
     network = SchemaNetwork(SchemaNetworkConfig(PERCEPTS, TARGETS, SCALE, WIDTH, rules))
@@ -92,7 +92,7 @@ def make_schema_network(shown: Mapping[str, Shown]) -> SchemaNetwork:
 
 
 def with_margin(network: SchemaNetwork, margin: float) -> SchemaNetwork:
-    """The same schemas with another margin of their competition."""
+    """Return the same schemas with another margin of their competition."""
     rules = replace(network.config.competition, margin=margin)
     other = SchemaNetwork(replace(network.config, competition=rules))
     other.load_state_dict(network.state_dict())
@@ -102,14 +102,14 @@ def with_margin(network: SchemaNetwork, margin: float) -> SchemaNetwork:
 def held_out_episodes(
     checkpoints: Path, seeds: Mapping[str, Sequence[int]], label: str = "imitating"
 ) -> list[Episode]:
-    """Shows new episodes of each behaviour to all systems, on all cores.
+    """Return new episodes of each behaviour, shown to all systems, run on all cores.
 
-    Every episode is drawn from its own seed, so the number of cores changes nothing.
+    Each episode has its own seed, so the results do not depend on the number of cores.
 
     Args:
-        checkpoints: folder of the checkpoints `schema_network` and `pacnet`.
-        seeds: behaviour -> one an episode.
-        label: of the progress bar.
+        checkpoints: Folder of the checkpoints `schema_network` and `pacnet`.
+        seeds: Behaviour -> seeds, one for each episode.
+        label: Of the progress bar.
 
     Returns:
         The episodes, in the order of their behaviours and seeds.
@@ -118,13 +118,13 @@ def held_out_episodes(
     return share_out(_Worker, (checkpoints,), tasks, label)
 
 
-def _live_through(
+def _run_episode(
     environment: PosturalImitationEnv, seed: int, choose: Callable[[NDArray], NDArray]
 ) -> tuple[Shown, bool]:
-    """One episode in which `choose` gives the imitator's target for each percept.
+    """Run one episode in which `choose` gives the imitator's target for each percept.
 
     Returns:
-        What was shown, and whether the imitator did the task.
+        What was shown, and whether the imitator completed the task.
     """
     observation, info = environment.reset(seed=seed)
     percepts, phases, truncated = [], [], False
@@ -138,7 +138,7 @@ def _live_through(
 def _imitate(
     network: SchemaNetwork | PACNet, environment: PosturalImitationEnv, seed: int
 ) -> tuple[Shown, bool]:
-    """One episode with the winner's targets; where nothing is commanded the last one is held."""
+    """Run one episode with the winner's targets; without a target the last one is held."""
     network.reset()
     target = environment.rest_posture
 
@@ -149,11 +149,11 @@ def _imitate(
             target = targets[0].numpy()
         return target
 
-    return _live_through(environment, seed, choose)
+    return _run_episode(environment, seed, choose)
 
 
 class _Worker:
-    """The systems and the environments, which run episode after episode."""
+    """Run episodes with the loaded systems and an environment for each behaviour."""
 
     def __init__(self, checkpoints: Path) -> None:
         self.schemas = SchemaNetwork.from_pretrained(checkpoints / "schema_network")
@@ -166,7 +166,7 @@ class _Worker:
     def run(self, task: tuple[str, int]) -> Episode:
         behaviour, seed = task
         environment = self.environments[behaviour]
-        # What the imitator does changes what it perceives by rounding alone.
+        # The imitator's own movement changes its percepts only by rounding errors.
         shown, success = _imitate(self.schemas, environment, seed)
         _, other_success = _imitate(self.pacnet, environment, seed)
         winners = {
@@ -179,14 +179,14 @@ class _Worker:
 
 
 def schemas_winning(network: SchemaNetwork, percepts: NDArray[np.float32]) -> NDArray[np.int64]:
-    """The schemas that win `[T]`, numbered from 1; `NO_NODE` where none is active."""
+    """Return the winning schemas `[T]`, numbered from 1; `NO_NODE` where none is active."""
     network.reset()
     winner = network.recall(torch.from_numpy(percepts)).winner
     return torch.where(winner == NO_NODE, NO_NODE, winner + 1).numpy()
 
 
 def held_winners(network: PACNet, percepts: NDArray[np.float32]) -> NDArray[np.int64]:
-    """The nodes that win `[T]` when they compete by their activations, with hysteresis."""
+    """Return the winning nodes `[T]` of a competition of activations with hysteresis."""
     scaled = network.sofm.scaled(torch.from_numpy(percepts))
     activations = torch.exp(-torch.cdist(scaled, network.sofm.nodes.live("prototype")))
     rules = CompetitionConfig(network.config.attention.novelty_threshold, MARGIN)

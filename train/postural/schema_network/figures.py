@@ -1,4 +1,4 @@
-"""Figures of the schema network beside PACNet: winners over time, why they flicker, switches."""
+"""Figures of the schema network and PACNet: winners over time, confidences, switches."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
+from pacnet.evaluation.arrays import finite_array, integer_series
 from pacnet.evaluation.figure_style import (
     BLUE,
     GREY,
     INK,
     LABEL_SIZE,
     VERMILION,
-    finite_array,
     new_figure,
+    rows_by_first_win,
     tidy,
-    winner_series,
 )
-from pacnet.evaluation.metrics import switches
+from train.postural.winners import switches
 
-_SHADES = (VERMILION, "#f0b48c", BLUE, "#8cc4e8")  # of each two systems, the second held
+_SHADES = (VERMILION, "#f0b48c", BLUE, "#8cc4e8")  # in pairs: a system without and with hysteresis
 _BAR = 6  # [pt] thickness of a winner's bar
 
 
 class Behaviour(NamedTuple):
-    """What is shown in a panel."""
+    """The behaviour shown in a panel."""
 
     name: str
     phases: Sequence[str]  # [T]
-    schemas: Sequence[int]  # numbers, from 1, of those that it was cut into
+    schemas: Sequence[int]  # that it consists of, numbered from 1
 
 
 def winners_and_confidences(
@@ -44,20 +44,20 @@ def winners_and_confidences(
     timestep: float,
     rivals: Sequence[int],
 ) -> Figure:
-    """The output of the schema network over time (the paper's Figure 2), and some confidences.
+    """Draw the winners of the schema network over time (Figure 2), and some confidences.
 
     Args:
         shown: The behaviour.
-        winners: Number, from 1, of the schema that wins each sample, negative for none [T].
-        confidences: Of each schema [T, S].
+        winners: Schema, from 1, that wins each sample, negative for none `[T]`.
+        confidences: Of each schema `[T, S]`.
         timestep: Time from one sample to the next [s].
-        rivals: Numbers of schemas whose confidences are drawn.
+        rivals: Schemas whose confidences are drawn, from 1.
 
     Raises:
-        ValueError: Winners that are not integers [T], or confidences of another length.
+        ValueError: Winners that are not integers `[T]`, or confidences of another length.
     """
-    won = winner_series(winners)
-    values = finite_array("confidences", confidences, (len(won), None))
+    won = integer_series("winners", winners)
+    values = finite_array("confidences", confidences, (len(won), "S"))
     figure = new_figure(9, 6.6)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     title = f"Output of the schema network, shown {shown.name}: {_chain(shown.schemas)}"
@@ -72,7 +72,7 @@ def winners_and_confidences(
         bottom.plot(
             seconds, values[:, schema - 1], color=colour, linewidth=0.9, label=f"schema {schema}"
         )
-    bottom.set_ylim(0, 1.2)  # room for the legend
+    bottom.set_ylim(0, 1.2)  # leaves space for the legend
     bottom.set_yticks(np.linspace(0, 1, 6))
     bottom.legend(loc="upper center", frameon=False, ncols=len(rivals))
     _mark_phases(bottom, shown.phases, timestep, named=False)
@@ -83,22 +83,22 @@ def winners_and_confidences(
 def side_by_side(
     panels: Sequence[tuple[Behaviour, Mapping[str, ArrayLike]]], timestep: float, schemas: int
 ) -> Figure:
-    """Winners over time of two systems that are shown the same episodes.
+    """Draw the winners over time of two systems in the same episodes.
 
     Args:
-        panels: A row each: the behaviour; system -> winners [T], of the schema network from 1, of
-            the other from 0.
+        panels: For each row the behaviour, and system -> winners `[T]`; schemas count from 1, nodes
+            from 0.
         timestep: Time from one sample to the next [s].
         schemas: Number of the schema network's schemas.
 
     Raises:
-        ValueError: Winners that are not integers [T].
+        ValueError: Winners that are not integers `[T]`.
     """
     figure = new_figure(11, 2.9 * len(panels))
     grid = figure.subplots(len(panels), 2, squeeze=False)
     for row, (shown, systems) in zip(grid, panels, strict=True):
         for axes, (system, value) in zip(row, systems.items(), strict=True):
-            won = winner_series(value)
+            won = integer_series("winners", value)
             title = f"{shown.name}: {switches(won)} switches of {system}"
             tidy(axes, title, "time [s]" if row is grid[-1] else "", "")
             if axes is row[0]:
@@ -112,7 +112,7 @@ def side_by_side(
 
 
 def switches_per_episode(means: Mapping[str, Mapping[str, float]]) -> Figure:
-    """Mean number of switches per episode of up to four systems.
+    """Draw the mean number of switches per episode of up to four systems.
 
     Args:
         means: System -> behaviour -> number.
@@ -140,7 +140,7 @@ def switches_per_episode(means: Mapping[str, Mapping[str, float]]) -> Figure:
 def _draw_schemas(
     axes: Axes, winners: NDArray, timestep: float, expected: Sequence[int], schemas: int
 ) -> None:
-    """A row a schema; those that the shown behaviour was cut into in blue, others in vermilion."""
+    """Draw a row for each schema: those of the shown behaviour in blue, others in vermilion."""
     numbers = range(1, schemas + 1)
     colours = {schema: BLUE if schema in expected else VERMILION for schema in numbers}
     _draw_runs(axes, winners, timestep, {schema: schema for schema in numbers}, colours)
@@ -152,13 +152,12 @@ def _draw_schemas(
 
 
 def _draw_nodes(axes: Axes, winners: NDArray, timestep: float) -> None:
-    """A row a node, in the order in which they first win."""
-    order = [node for node in dict.fromkeys(winners.tolist()) if node >= 0]
-    rows = {node: row for row, node in enumerate(order)}
-    _draw_runs(axes, winners, timestep, rows, dict.fromkeys(order, INK))
-    axes.set_yticks(range(len(order)), [str(node) for node in order])
+    """Draw a row for each node, in the order of first wins."""
+    rows = rows_by_first_win(winners)
+    _draw_runs(axes, winners, timestep, rows, dict.fromkeys(rows, INK))
+    axes.set_yticks(range(len(rows)), [str(node) for node in rows])
     axes.tick_params(axis="y", labelsize=LABEL_SIZE)
-    _set_rows(axes, 0, max(len(order) - 1, 0))
+    _set_rows(axes, 0, max(len(rows) - 1, 0))
     axes.set_ylabel("winning node, by first win")
 
 
@@ -169,7 +168,7 @@ def _draw_runs(
     rows: Mapping[int, int],
     colours: Mapping[int, str],
 ) -> None:
-    """A bar from the first sample of each run of wins to the next run's."""
+    """Draw a bar from the first sample of each run of wins to the next run."""
     start = 0
     for winner, run in groupby(winners.tolist()):
         end = start + len(list(run))
@@ -181,12 +180,12 @@ def _draw_runs(
 
 
 def _set_rows(axes: Axes, first: int, last: int) -> None:
-    """The first row on top, as in the paper; under the last one room for the phases' names."""
+    """Put the first row on top, as in the paper; leave space for the phases' names below."""
     axes.set_ylim(last + 0.6 + 0.27 * (last - first + 1), first - 0.7)
 
 
 def _mark_phases(axes: Axes, phases: Sequence[str], timestep: float, named: bool) -> None:
-    """A faint line where a phase ends, and its name at the bottom."""
+    """Draw a faint line where a phase ends, and its name at the bottom."""
     axes.grid(visible=False, axis="x")
     start = 0
     for name, run in groupby(phases):
@@ -204,7 +203,7 @@ def _mark_phases(axes: Axes, phases: Sequence[str], timestep: float, named: bool
 
 
 def _explain_colours(figure: Figure) -> None:
-    """What blue and vermilion winners are."""
+    """Add a legend of blue and vermilion winners."""
     handles = [Line2D([], [], color=colour, linewidth=_BAR) for colour in (BLUE, VERMILION)]
     names = ("schema of the shown behaviour", "schema of another behaviour")
     figure.legend(handles, names, loc="outside lower center", ncols=2, frameon=False)

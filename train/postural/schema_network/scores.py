@@ -1,4 +1,4 @@
-"""Scores of the paper's Figure 2: who wins in which order, who takes turns, what is kept twice."""
+"""Scores of the paper's Figure 2: order of winners, alternations, duplicate targets."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet import NO_NODE
-from pacnet.evaluation.metrics import switches, winner_order
 from train.postural.schema_network.episodes import SCHEMAS, Episode
+from train.postural.winners import switches, winner_order
 
-ALIKE = 1.0  # [degrees] RMS over the joints within which two targets are the same
-LEAST = 10  # [samples] that a schema must win in an episode to have a place in the order
-GRASPING = (2, 6)  # the schemas that the paper found to take turns
-SHOWN_PAIRS = 5  # of those that take turns most
+SAME_TARGET = 1.0  # [degrees] largest RMS difference over the joints of equal targets
+MIN_WINS = 10  # [samples] that a schema must win in an episode to count in the order
+GRASPING = (2, 6)  # the schemas that alternate in the paper
+SHOWN_PAIRS = 5  # the pairs that alternate most
 
 
 def order_of_medians(winners: NDArray[np.int64], schemas: Sequence[int]) -> tuple[int, ...]:
-    """A behaviour's own schemas in the order of the median time at which each wins.
+    """Return a behaviour's own schemas in the order of the median time at which each wins.
 
-    A median does not mind flickers, and not that a schema comes back for a while when the same
-    posture does.
+    The median is robust against flicker and against a schema that wins again for a short time when
+    a posture recurs.
 
     Args:
-        winners: `[T]`.
-        schemas: whose order; those that win fewer than `LEAST` samples are left out.
+        winners: Schema that wins each sample `[T]`.
+        schemas: To order; those that win fewer than `MIN_WINS` samples are left out.
     """
     times = {schema: np.flatnonzero(winners == schema) for schema in schemas}
-    lasting = [schema for schema in schemas if len(times[schema]) >= LEAST]
+    lasting = [schema for schema in schemas if len(times[schema]) >= MIN_WINS]
     return tuple(sorted(lasting, key=lambda schema: float(np.median(times[schema]))))
 
 
 def strict_order(winners: NDArray[np.int64], schemas: Sequence[int]) -> tuple[int, ...]:
-    """`winner_order` of all schemas, the alternation in the grasp allowed.
+    """Return `winner_order` of all schemas, with schemas 2 and 6 merged.
 
-    Runs under three samples are left out, and the behaviour's own one of schemas 2 and 6 stands for
-    both.
+    Runs of fewer than three samples are left out. Schemas 2 and 6 may alternate in the grasp: the
+    one of the shown behaviour stands for both.
     """
     own = next((schema for schema in GRASPING if schema in schemas), NO_NODE)
     folded = [
@@ -51,11 +51,11 @@ def strict_order(winners: NDArray[np.int64], schemas: Sequence[int]) -> tuple[in
 
 
 def score_system(episodes: Sequence[Episode], system: str) -> dict[str, float]:
-    """Means over episodes, for any system.
+    """Return the mean scores over episodes, for any system.
 
     Returns:
-        `switches`: changes of the winner, flickers included; `nobody_share`: samples that nobody
-        wins; `task_success_rate`, of a system that acted.
+        `switches`: changes of the winner, including flicker; `nobody_share`: samples without a
+        winner; `task_success_rate`: of a system that acted.
     """
     winners = [episode.winners[system] for episode in episodes]
     scores = {
@@ -68,15 +68,15 @@ def score_system(episodes: Sequence[Episode], system: str) -> dict[str, float]:
 
 
 def score_schemas(episodes: Sequence[Episode], system: str) -> dict[str, Any]:
-    """Means over the episodes of one behaviour, for a schema network.
+    """Return the mean scores over the episodes of one behaviour, for a schema network.
 
     Returns:
         `in_order_rate`: share of episodes in which the behaviour's own schemas win in order, by
         `order_of_medians`; `strictly_in_order_rate`: likewise by `strict_order`; `own_share`: of
-        the samples that somebody wins, those that one of its own schemas wins; `alternations_2_6`:
-        changes between 2 and 6, samples of others left out; `alternations_2_6_by_phase`: where the
-        later of the two won; `switches_by_phase`; `switching_pairs`: who takes turns most, changes
-        per episode.
+        the samples with a winner, those that one of its own schemas wins; `alternations_2_6`:
+        changes between 2 and 6, samples of others left out; `alternations_2_6_by_phase`: the same
+        by the phase of the later one; `switches_by_phase`; `switching_pairs`: changes per episode
+        between the pairs that alternate most.
     """
     own = SCHEMAS[episodes[0].behaviour]
     winners = [episode.winners[system] for episode in episodes]
@@ -96,24 +96,25 @@ def score_schemas(episodes: Sequence[Episode], system: str) -> dict[str, Any]:
 
 
 def score_duplicates(schemas: Sequence[Tensor]) -> dict[str, float | int]:
-    """How much motor schemas say that others say too; for any system.
+    """Return how much motor schemas duplicate one another, for any system.
 
-    Two targets are alike if the RMS of their differences over the joints is within `ALIKE`.
+    Two targets are equal if the RMS of their differences over the joints is at most `SAME_TARGET`.
 
     Args:
-        schemas: the targets of each motor schema, `[L, A]` [rad].
+        schemas: The targets of each motor schema `[L, A]` [rad].
 
     Returns:
-        `motor_schemas`; `stored_targets`; `duplicate_pairs`: pairs of which one adds nothing to the
-        other, the RMS distance of its targets from the other's nearest within `ALIKE`;
-        `redundant_share`: targets that have one alike in another schema.
+        `motor_schemas`; `stored_targets`; `duplicate_pairs`: pairs in which the RMS distance of
+        one schema's targets from the other's nearest ones is at most `SAME_TARGET`;
+        `redundant_share`: share of targets that have an equal one in another schema.
     """
     nearest = [[_nearest(one, other) for other in schemas] for one in schemas]  # each [L]
-    contained = [[bool(d.square().mean().sqrt() <= ALIKE) for d in row] for row in nearest]
+    contained = [[bool(d.square().mean().sqrt() <= SAME_TARGET) for d in row] for row in nearest]
     numbers = range(len(schemas))
     pairs = sum(contained[i][j] or contained[j][i] for i in numbers for j in range(i))
     twice = [
-        torch.stack([nearest[i][j] <= ALIKE for j in numbers if j != i]).any(dim=0) for i in numbers
+        torch.stack([nearest[i][j] <= SAME_TARGET for j in numbers if j != i]).any(dim=0)
+        for i in numbers
     ]
     return {
         "motor_schemas": len(schemas),
@@ -124,12 +125,12 @@ def score_duplicates(schemas: Sequence[Tensor]) -> dict[str, float | int]:
 
 
 def _nearest(one: Tensor, other: Tensor) -> Tensor:
-    """RMS distance [degrees] over the joints from each target `[L, A]` to the other's nearest."""
+    """Return the RMS distance [degrees] from each target `[L, A]` to the nearest of the other's."""
     return torch.rad2deg(torch.cdist(one, other).amin(dim=1) / one.shape[1] ** 0.5)
 
 
 def _changes(winners: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-    """Each change of the winner: the sample, who won before, who wins now; nobody left out."""
+    """Return each change of the winner: the sample, the winner before, the winner now."""
     won = np.flatnonzero(winners >= 0)
     steps = pairwise(won.tolist())
     return [(t, int(winners[s]), int(winners[t])) for s, t in steps if winners[s] != winners[t]]
@@ -138,7 +139,7 @@ def _changes(winners: NDArray[np.int64]) -> list[tuple[int, int, int]]:
 def _by_phase(
     changes: Sequence[Sequence[tuple[int, int, int]]], phases: Sequence[Sequence[str]]
 ) -> dict[str, float]:
-    """Changes per episode in each phase, in the order in which the phases first come."""
+    """Return the changes per episode in each phase, in the order of the phases."""
     counts = Counter(
         shown[sample] for some, shown in zip(changes, phases, strict=True) for sample, *_ in some
     )

@@ -1,4 +1,4 @@
-"""Recorded episodes as they were recognised, also as extra columns of their dataset."""
+"""Recorded episodes with what was recognized in them, also as extra columns of their dataset."""
 
 from __future__ import annotations
 
@@ -14,44 +14,40 @@ from pacnet.datasets.demonstrations import Demonstration
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
-    """An episode and what was recognised in each of its frames."""
+class RecognizedEpisode:
+    """An episode and what was recognized in each of its frames."""
 
     demonstration: Demonstration
     recognition: Recognition
 
-    def known_as(self, behaviours: Sequence[str]) -> bool:
-        """Whether it was recorded as one of these behaviours."""
-        return self.demonstration.task in behaviours
-
     @property
-    def named_since(self) -> int:
-        """The frame from which on no other behaviour than that of the end was the most probable."""
+    def stable_from(self) -> int:
+        """Return the first frame from which on the most probable behaviour did not change."""
         most_probable = self.recognition.behaviour
-        others = (most_probable != most_probable[-1]).nonzero()
-        return int(others[-1]) + 1 if len(others) else 0
+        changes = (most_probable != most_probable[-1]).nonzero()
+        return int(changes[-1]) + 1 if len(changes) else 0
 
 
-def joined(parts: Sequence[Recognition]) -> Recognition:
-    """One recognition of frames that were recognised in several parts, one after the other."""
+def concatenate(parts: Sequence[Recognition]) -> Recognition:
+    """Return one recognition of frames that were recognized in consecutive parts."""
     return Recognition(*map(torch.cat, zip(*parts, strict=True)))
 
 
-def shown(behaviours: Sequence[str]) -> tuple[str, ...]:
-    """What the behaviours are called where a name is needed."""
+def display_names(behaviours: Sequence[str]) -> tuple[str, ...]:
+    """Return the behaviours' names, with "untitled" in place of an empty one."""
     return tuple(name or "untitled" for name in behaviours)
 
 
 def column_names(behaviours: Sequence[str], percept: Sequence[str]) -> dict[str, Sequence[str]]:
-    """The extra columns of the dataset and their dimensions.
+    """Return the extra columns of a dataset: column -> the names of its dimensions.
 
     Args:
-        behaviours: name of each behaviour that the network knows.
-        percept: name of each dimension of a percept.
+        behaviours: Name of each behaviour that the network knows.
+        percept: Name of each dimension of a percept.
     """
     scalars = ("progress", "novelty", "is_novel", "winner")
     return {
-        "behaviour": shown(behaviours),
+        "behaviour": display_names(behaviours),
         **{name: (name,) for name in scalars},
         "expected_next": percept,
         "expected_end": percept,
@@ -59,7 +55,7 @@ def column_names(behaviours: Sequence[str], percept: Sequence[str]) -> dict[str,
 
 
 def column_values(recognition: Recognition) -> dict[str, NDArray[Any]]:
-    """The extra columns of an episode [T, K]."""
+    """Return the extra columns of an episode, each `[T, K]`."""
     return {
         "behaviour": recognition.probability.numpy(),
         "progress": recognition.progress[:, None].numpy(),
