@@ -35,8 +35,8 @@ from pacnet.core.growable_rows import (
     copy_on_state_dict,
 )
 from pacnet.core.integrity import check_conditions, check_on_load, check_structure
-from pacnet.core.validation import as_batch, check_rows
-from pacnet.kernels.engine import Engine, check_engine, check_row, runs_compiled
+from pacnet.core.validation import as_batch, check_row, check_rows
+from pacnet.kernels.engine import Engine, check_engine, runs_compiled
 
 if TYPE_CHECKING:
     from pacnet.attention.compiled import CompiledSOFM, MapState

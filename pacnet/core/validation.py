@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 MAX_SAMPLES = 2**62  # [samples], of which an int64 holds the sum of two
 MAX_VALUE = 1e17
 """Largest size of a number whose distances are taken: its squares still add up in float32."""
+_FLOAT32 = np.dtype(np.float32)
 
 
 def check_rows(
@@ -66,6 +68,30 @@ def check_same_length(**rows: Tensor) -> None:
     counts = {name: len(value) for name, value in rows.items()}
     if len(set(counts.values())) > 1:
         raise ValueError(f"expected equally many rows, got {counts}")
+
+
+def check_row(name: str, value: object, columns: int) -> NDArray[np.float32]:
+    """Return one row of a control loop as an array; whether it is finite is left to the kernel.
+
+    Raises:
+        ValueError: not an array, or tensor on the CPU, of float32 `[columns]`.
+    """
+    row = value
+    if not isinstance(value, np.ndarray) and isinstance(value, Tensor):
+        shares_memory = value.is_cpu and value.layout == torch.strided
+        row = value.detach().numpy() if shares_memory and value.dtype == torch.float32 else value
+    if isinstance(row, np.ndarray) and not isinstance(row, np.ma.MaskedArray):
+        # There is usually a single object of this dtype; comparing identity is faster.
+        is_float32 = row.dtype is _FLOAT32 or row.dtype == _FLOAT32
+        if is_float32 and row.shape == (columns,):
+            return row if row.flags.carray else row.copy()  # numba compiles per memory layout
+    if isinstance(row, np.ndarray):
+        got = f"{row.dtype} {list(row.shape)}"
+    elif isinstance(value, Tensor):
+        got = f"a {value.dtype} tensor {list(value.shape)} on {value.device}"
+    else:
+        got = type(value).__name__
+    raise ValueError(f"expected {name} as a float32 array of shape [{columns}], got {got}")
 
 
 def check_index(name: str, value: object, count: int, *, optional: bool = False) -> int:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.core.interrupts import defer_sigint
-from pacnet.core.validation import check_fields, is_integer
+from pacnet.core.validation import check_fields, check_row, is_integer
 from pacnet.forward_models.candidates import CandidateModel, check_candidate_config, kernels
 from pacnet.forward_models.fitting import (
     FitReport,
@@ -29,7 +29,6 @@ from pacnet.forward_models.fitting import (
     train,
 )
 from pacnet.forward_models.mlp_arrays import NORMALISERS, MLPArrays, MLPArraysCache
-from pacnet.kernels.engine import check_row
 
 _UNBOUNDED = torch.finfo(torch.float32).max
 

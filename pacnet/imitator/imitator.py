@@ -34,13 +34,13 @@ from pacnet.core.integrity import (
 )
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import rename_on_load
-from pacnet.core.validation import check_index
+from pacnet.core.validation import check_index, check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.novelty import Familiarity
-from pacnet.kernels.engine import Engine, check_row
+from pacnet.kernels.engine import Engine
 from pacnet.network.checks import FORWARD_MODEL, check_dimensions
 from pacnet.network.network import PACNet
 from pacnet.network.records import Decision

@@ -1,11 +1,11 @@
-"""For kernels: squared Euclidean distances of a percept from rows.
+"""Squared Euclidean distances of a percept from rows, for kernels.
 
 Everything that compares a percept with prototypes or cues calls `squared_distances`, so that a
-distance depends on nothing but the two points: not on where the row lies, how many there are, or
-how many percepts are read at once.
+distance depends on the two points alone: not on a row's index, the number of rows, or how many
+percepts are read at once.
 
-Numba keeps a compiled kernel as long as its own file is unchanged: after a change of this file,
-`make clean` has those of other files compiled anew.
+Numba's cache of a kernel depends on the kernel's own file alone: after a change of this file,
+`make clean` has the kernels of other files compiled again.
 """
 
 from __future__ import annotations
@@ -18,34 +18,34 @@ from pacnet.kernels.engine import announce_compilation
 
 announce_compilation()
 
-_TOGETHER = 512  # rows whose sums stay in the nearest cache
-_FAR = np.float32(np.finfo(np.float32).max)  # more than any squared distance
+_CHUNK = 512  # rows whose sums stay in the nearest cache
+_INFINITE = np.float32(np.finfo(np.float32).max)  # more than any squared distance
 
 
-# It keeps the interpreter: to get it back from a thread that learns would take longer.
+# Without `nogil`: to get the lock back from a thread that learns would take longer.
 @njit(cache=True, fastmath={"contract"}, error_model="numpy")
 def squared_distances(percepts, number, columns, first, count, out):
-    """Writes the squared distances of one of several percepts from some of several rows.
+    """Write the squared distances of one of several percepts from a range of rows.
 
-    Each dimension is taken for all of them at once, four dimensions in one go, so that they are
-    added side by side in vector registers, always in the same order. A product is rounded together
-    with its sum, where the processor can.
+    Four dimensions are added for all rows in one go, always in the same order, so that the rows'
+    sums lie side by side in vector registers. A product and its sum are rounded together where the
+    processor can.
 
     Args:
         percepts: finite, `[B, D]`.
-        number: of the percept among them.
-        columns: the rows' dimensions, finite, of the same dtype, `[D, N]`.
-        first: the first of the rows.
-        count: how many rows, ≤ N − first.
+        number: index of the percept.
+        columns: the rows, finite, of the same dtype, transposed, `[D, N]`.
+        first: the first row.
+        count: number of rows, ≤ N − first.
         out: where to write, `[count]` or longer.
 
     Returns:
-        The nearest and the second nearest of them, counted from the first; of equally near ones the
-        first; −1 where there is none.
+        The nearest and the second nearest row, counted from the first; ties go to the lowest index;
+        −1 where there is none.
     """
     dimensions, whole = len(columns), len(columns) // 4 * 4
-    for begin in range(0, count, _TOGETHER):
-        size = min(_TOGETHER, count - begin)
+    for begin in range(0, count, _CHUNK):
+        size = min(_CHUNK, count - begin)
         at, squared = first + begin, out[begin : begin + size]
         for row in range(size):
             squared[row] = 0
@@ -68,25 +68,25 @@ def squared_distances(percepts, number, columns, first, count, out):
 
 @njit
 def _two_least(values, count):
-    least = second = _FAR
+    least = second = _INFINITE
     winner = runner_up = -1
-    for place in range(count):
-        value = values[place]
+    for index in range(count):
+        value = values[index]
         if value < second:
             if value < least:
-                least, second, winner, runner_up = value, least, place, winner
+                least, second, winner, runner_up = value, least, index, winner
             else:
-                second, runner_up = value, place
+                second, runner_up = value, index
     return winner, runner_up
 
 
 def distances_of(percept: NDArray[np.floating], rows: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Distances `[N]` of a finite percept `[D]` from rows `[N, D]`, both of one dtype.
+    """Return the distances `[N]` of a finite percept `[D]` from rows `[N, D]` of the same dtype.
 
-    Rows whose dimensions lie apart (`np.asfortranarray`) are not copied.
+    Rows in column-major order (`np.asfortranarray`) are not copied.
 
     Raises:
-        ValueError: a percept of another width or dtype than the rows.
+        ValueError: a percept of another length or dtype than the rows.
     """
     if percept.shape != rows.shape[1:] or percept.dtype != rows.dtype:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Work shared out over threads, for kernels that let Python go on while they run."""
+"""Work shared among threads, for kernels that release Python's global lock."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import TypeVar
 import torch
 
 _WORTH_A_THREAD = 2**20  # multiplications, some 0.1 ms
-_Given = TypeVar("_Given")
-_Made = TypeVar("_Made")
+_Part = TypeVar("_Part")
+_Result = TypeVar("_Result")
 
 
 def use_one_thread() -> None:
-    """For small tensors, over which more threads would only wait on one another."""
+    """Let torch use one thread: with small tensors, more threads only wait for one another."""
     torch.set_num_threads(1)
 
 
-def in_threads(call: Callable[[_Given], _Made], parts: Iterable[_Given]) -> list[_Made]:
-    """Calls it for each part, in as many threads as torch uses; results in the parts' order."""
+def in_threads(call: Callable[[_Part], _Result], parts: Iterable[_Part]) -> list[_Result]:
+    """Call it for each part, in as many threads as torch uses; return results in order."""
     threads = torch.get_num_threads()
     parts = list(parts)
     if threads == 1 or len(parts) == 1:
@@ -30,12 +30,12 @@ def in_threads(call: Callable[[_Given], _Made], parts: Iterable[_Given]) -> list
 
 
 def share_rows(call: Callable[[int, int], None], rows: int, work: int) -> None:
-    """Calls it for stretches of rows, from a first one until before a last one.
+    """Split rows into ranges and call it for each.
 
     Args:
-        call: with the two ends of a stretch.
+        call: takes the first row of a range and the one after its last.
         rows: number of rows.
-        work: multiplications that all of them take; too few of them stay together.
+        work: multiplications for all rows; little work stays in one thread.
     """
     shares = max(1, min(4 * torch.get_num_threads(), rows, work // _WORTH_A_THREAD))
     ends = [rows * share // shares for share in range(shares + 1)]
