@@ -1,4 +1,4 @@
-"""Every choice of the growing map in one place, with the two presets `paper` and `gwr`."""
+"""Every threshold and choice of the growing map, with the two presets `paper` and `gwr`."""
 
 from __future__ import annotations
 
@@ -6,30 +6,27 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from pacnet.core.validation import MAX_SAMPLES, MAX_VALUE, check_fields, is_integer, is_number
-
-LARGEST_PERCEPT = MAX_VALUE
-"""Of a scaled percept, in any dimension."""
+from pacnet.core.validation import MAX_SAMPLES, check_fields, is_integer, is_number
 
 
 @dataclass(frozen=True)
 class SOFMConfig:
-    """The growing map's settings; the defaults are the preset `paper`.
+    """Settings of the growing map; the defaults are the preset `paper`.
 
-    Public Grow-When-Required codes differ silently in these choices, so each is a field, or is
-    stated here: the activation is exp(−distance), not exp(−distance²); only the winner's edges
-    age; a node moves before it habituates; pruning follows every ageing.
+    Public Grow-When-Required codes differ in these choices without saying so. Each is a field or
+    stated here: the activation is exp(−distance), not exp(−distance²); only the winner's edges age;
+    a node moves before it habituates; old edges are deleted after every ageing.
 
     Attributes:
         dimensions: length of a percept.
-        scale: factor on each dimension before distances are taken, one a dimension, in 1/unit of
-            that dimension; None stands for ones.
+        scale: factor for each dimension before distances are taken, [1/unit of the dimension];
+            None stands for ones.
         novelty_threshold: activation under which a percept is novel, in (0, 1). A smaller one
             makes fewer nodes.
-        insert_only_when_habituated: a novel percept makes a node only where the winner is fully
+        insert_only_when_habituated: a novel percept makes a node only if the winner is fully
             habituated (GWR); else every novel percept does (the paper's case 1).
-        insert_at: a new node stands at the `percept`, joined to the winner, or at the `midpoint`
-            between winner and percept, joined to winner and runner-up, whose own edge goes (GWR).
+        insert_at: a new node is put at the `percept` and joined to the winner, or at the `midpoint`
+            of winner and percept and joined to winner and runner-up, whose edge is deleted (GWR).
         ignore_when_habituated: a fully habituated node no longer responds (the paper's case 3);
             otherwise it goes on learning at its habituation's small rate (GWR).
         habituation_scales_learning: the moved fraction is multiplied by the node's habituation
@@ -43,8 +40,8 @@ class SOFMConfig:
         neighbour_tau: τ of the neighbours, in firings.
         forgetting_interval: samples after which a fully habituated node is dishabituated; None
             for never (GWR).
-        max_edge_age: an edge older than this goes, counted in the attended wins of the nodes it
-            joins since they were last best and second best together.
+        max_edge_age: an edge older than this is deleted; its age counts the attended wins of its
+            two nodes since they were last winner and runner-up together.
     """
 
     dimensions: int
@@ -65,22 +62,12 @@ class SOFMConfig:
 
     @classmethod
     def paper(cls, dimensions: int, **fields: object) -> SOFMConfig:
-        """The three cases of Maistros, Marom & Hayes (2001).
-
-        Args:
-            dimensions: length of a percept.
-            fields: fields to set otherwise than the preset.
-        """
+        """Return the three cases of Maistros, Marom & Hayes (2001), with other fields as given."""
         return cls(dimensions, **fields)  # pyright: ignore[reportArgumentType]
 
     @classmethod
     def gwr(cls, dimensions: int, **fields: object) -> SOFMConfig:
-        """Grow When Required (Marsland, Shapiro & Nehmzow 2002).
-
-        Args:
-            dimensions: length of a percept.
-            fields: fields to set otherwise than the preset.
-        """
+        """Return Grow When Required (Marsland et al. 2002), with other fields as given."""
         preset = {
             "insert_only_when_habituated": True,
             "insert_at": "midpoint",
@@ -97,39 +84,38 @@ class SOFMConfig:
 
     @property
     def floor_habituation(self) -> float:
-        """Habituation that endless firing tends to, h₀ − 1/α."""
+        """Limit of habituation after endless firing, h₀ − 1/α."""
         return self.resting_habituation - 1.0 / self.alpha
 
     def decay(self, tau: float) -> float:
-        """Factor by which one firing brings habituation nearer to its floor, e^{−α/τ}."""
+        """Return the factor that one firing applies to habituation above its floor, e^{−α/τ}."""
         return math.exp(-self.alpha / tau)
 
     def __post_init__(self) -> None:
-        """Refuses values that have no meaning."""
+        """Validate the fields."""
         if isinstance(self.scale, list):  # as JSON gives it
             object.__setattr__(self, "scale", tuple(self.scale))
         check_fields(self, {"dimensions": (is_integer(self.dimensions, 1), "≥ 1")})
-        check_fields(self, {"alpha": (is_number(self.alpha) and self.alpha > 0, "> 0")})
+        check_fields(self, {"alpha": (_within(self.alpha, 0, math.inf), "> 0")})
         check_fields(self, self._checks())
 
     def _checks(self) -> dict[str, tuple[bool, str]]:
-        interval, floor = self.forgetting_interval, max(self.floor_habituation, 0.0)
-        switches = (
-            "insert_only_when_habituated",
-            "ignore_when_habituated",
-            "habituation_scales_learning",
+        floor, scale = max(self.floor_habituation, 0.0), self.scale
+        scale_valid = scale is None or (
+            isinstance(scale, tuple)
+            and len(scale) == self.dimensions
+            and all(_within(factor, 0, math.inf) for factor in scale)
         )
+        winner_rate, neighbour_rate = self.winner_rate, self.neighbour_rate
+        forgets = self.forgetting_interval is not None
+        count = f"to be an integer from 1 to {MAX_SAMPLES}"
         return {
-            "scale": (self._scale_is_valid(), f"to be {self.dimensions} positive finite factors"),
+            "scale": (scale_valid, f"to be {self.dimensions} positive finite factors"),
             "novelty_threshold": (_within(self.novelty_threshold, 0, 1), "in (0, 1)"),
             "insert_at": (self.insert_at in ("percept", "midpoint"), "'percept' or 'midpoint'"),
-            "winner_rate": (
-                _within(self.winner_rate, 0, 1) or self.winner_rate == 1,
-                "in (0, 1]",
-            ),
+            "winner_rate": (_within(winner_rate, 0, 1) or winner_rate == 1, "in (0, 1]"),
             "neighbour_rate": (
-                _within(self.neighbour_rate, 0, 1) or self.neighbour_rate in (0, 1),
-                "in [0, 1]",
+                _within(neighbour_rate, 0, 1) or neighbour_rate in (0, 1), "in [0, 1]",
             ),
             "habituated_below": (
                 _within(self.habituated_below, floor, 1),
@@ -138,29 +124,24 @@ class SOFMConfig:
             "winner_tau": (_within(self.winner_tau, 0, math.inf), "> 0 firings"),
             "neighbour_tau": (_within(self.neighbour_tau, 0, math.inf), "> 0 firings"),
             "forgetting_interval": (
-                interval is None or (is_integer(interval, 1) and interval <= MAX_SAMPLES),
-                f"to be an integer from 1 to {MAX_SAMPLES} samples or None",
+                not forgets or _is_count(self.forgetting_interval), f"{count} samples or None",
             ),
-            "max_edge_age": (
-                is_integer(self.max_edge_age, 1) and self.max_edge_age <= MAX_SAMPLES,
-                f"to be an integer from 1 to {MAX_SAMPLES}",
-            ),
+            "max_edge_age": (_is_count(self.max_edge_age), count),
             **{
                 name: (isinstance(getattr(self, name), bool), "to be true or false")
-                for name in switches
+                for name in _SWITCHES
             },
-        }
+        }  # fmt: skip
 
-    def _scale_is_valid(self) -> bool:
-        if self.scale is None:
-            return True
-        return (
-            isinstance(self.scale, tuple)
-            and len(self.scale) == self.dimensions
-            and all(_within(factor, 0, math.inf) for factor in self.scale)
-        )
+
+_SWITCHES = ("insert_only_when_habituated", "ignore_when_habituated", "habituation_scales_learning")
 
 
 def _within(value: object, low: float, high: float) -> bool:
-    """Whether a field holds a finite number between both, without them."""
+    """Return whether a field holds a finite number between both, exclusive."""
     return is_number(value) and low < value < high  # pyright: ignore[reportOperatorIssue]
+
+
+def _is_count(value: object) -> bool:
+    """Return whether a field holds an integer from 1 to `MAX_SAMPLES`."""
+    return is_integer(value, 1) and value <= MAX_SAMPLES  # pyright: ignore[reportOperatorIssue]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import cast
 
-import torch
 from torch import Tensor, nn
 
 from pacnet.attention.records import Attention, Observation
@@ -15,12 +15,12 @@ from pacnet.kernels.threads import in_threads
 class SOFMEnsemble(nn.Module):
     """B independent maps, each with its own config, side by side in as many threads as torch uses.
 
-    Each map learns what it would learn alone, bit for bit. On the CPU the compiled kernels let
-    Python go on, so that the threads share the cores. On another device the eager engine runs, a
-    map after the other within each thread; that has not been tried on a GPU.
+    Each map learns what it would learn alone, bit for bit. On the CPU the compiled kernels release
+    Python's global lock, so that the threads share the cores. On another device the eager engine
+    runs, one map after the other in each thread; that has not been tried on a GPU.
 
     Args:
-        maps: the maps; they stay those of the caller.
+        maps: the maps; they are shared with the caller.
 
     Raises:
         ValueError: no map, one of them twice, or something else.
@@ -43,11 +43,11 @@ class SOFMEnsemble(nn.Module):
         self.maps = nn.ModuleList(members)
 
     def __len__(self) -> int:
-        """The number of maps."""
+        """Return the number of maps."""
         return len(self.maps)
 
     def forward(self, percepts: Tensor | Sequence[Tensor]) -> list[Attention]:
-        """Reads every map; see `HabituatingSOFM.forward`.
+        """Read every map; see `HabituatingSOFM.forward`.
 
         Args:
             percepts: a stream for each map, `[B, T, D]`, or a sequence of B tensors `[T, D]`.
@@ -55,12 +55,10 @@ class SOFMEnsemble(nn.Module):
         Raises:
             ValueError: not a stream for each map, or one that its map refuses.
         """
-        streams = self._streams(percepts)
-        return [sofm.read(stream) for sofm, stream in zip(self._members, streams, strict=True)]
+        return [sofm(stream) for sofm, stream in self._pairs(percepts)]
 
-    @torch.no_grad()
     def observe(self, percepts: Tensor | Sequence[Tensor]) -> list[Observation]:
-        """Every map learns its stream; see `HabituatingSOFM.observe`.
+        """Let every map learn its stream; see `HabituatingSOFM.observe`.
 
         Args:
             percepts: a stream for each map, `[B, T, D]`, or a sequence of B tensors `[T, D]`, whose
@@ -70,26 +68,16 @@ class SOFMEnsemble(nn.Module):
             ValueError: not a stream for each map, or one that its map refuses; nothing has been
                 learned then.
         """
-        pairs = list(zip(self._members, self._streams(percepts), strict=True))
-        return in_threads(_learn, pairs)
+        pairs = self._pairs(percepts)
+        for sofm, stream in pairs:
+            sofm.normalize(stream)  # refuses a bad stream before any map learns
+        return in_threads(lambda pair: pair[0].observe(pair[1]), pairs)
 
-    @property
-    def _members(self) -> list[HabituatingSOFM]:
-        return [sofm for sofm in self.maps if isinstance(sofm, HabituatingSOFM)]
-
-    def _streams(self, percepts: Tensor | Sequence[Tensor]) -> list[Tensor]:
-        """The streams, checked and scaled, before any map has learned."""
-        if not isinstance(percepts, Sequence) and not (
-            isinstance(percepts, Tensor) and percepts.dim() > 0
-        ):
+    def _pairs(self, percepts: Tensor | Sequence[Tensor]) -> list[tuple[HabituatingSOFM, Tensor]]:
+        """Return each map with its stream."""
+        is_batch = isinstance(percepts, Tensor) and percepts.dim() > 0
+        if not isinstance(percepts, Sequence) and not is_batch:
             raise ValueError(f"expected a stream for each map, got {percepts!r}")
-        streams = list(percepts)
-        if len(streams) != len(self):
-            raise ValueError(f"expected a stream for each of {len(self)} maps, got {len(streams)}")
-        return [sofm.scaled(stream) for sofm, stream in zip(self._members, streams, strict=True)]
-
-
-def _learn(pair: tuple[HabituatingSOFM, Tensor]) -> Observation:
-    sofm, stream = pair
-    with torch.no_grad():  # which holds for a thread
-        return sofm.observe_scaled(stream)
+        if len(percepts) != len(self):
+            raise ValueError(f"expected a stream for each of {len(self)} maps, got {len(percepts)}")
+        return list(zip(cast(Iterable[HabituatingSOFM], self.maps), percepts, strict=True))

@@ -30,13 +30,13 @@ from pacnet import (
     SOFMConfig,
 )
 from pacnet.kernels.distances import distances_of, squared_distances
-from pacnet.kernels.engine import Engine
+from pacnet.kernels.engine import Engine, runs_compiled
 
 FAR = 2.0**6  # coordinates under it, of multiples of 1 / FAR, have distances exact in float32
-CLOSE = 1e-6  # distances that agree to this much may be told apart by rounding
+CLOSE = 1e-6  # relative difference of distances whose order rounding may change
 
 
-def both(config: SOFMConfig) -> tuple[HabituatingSOFM, HabituatingSOFM]:
+def make_both(config: SOFMConfig) -> tuple[HabituatingSOFM, HabituatingSOFM]:
     return HabituatingSOFM(config, engine="eager"), HabituatingSOFM(config, engine="compiled")
 
 
@@ -62,22 +62,22 @@ def assert_same_record(one: Observation, other: Observation) -> None:
 
 
 def rounding_decides(sofm: HabituatingSOFM, percept: Tensor) -> bool:
-    """Whether the winner, the runner-up or novelty hang on how distances are rounded."""
+    """Return whether winner, runner-up or novelty depend on how distances are rounded."""
     if len(sofm) == 0:
         return False
     scaled = percept * sofm.scale
     rows = torch.cat([sofm.nodes.live("prototype"), scaled[None]]).double()
     exact = bool((rows * FAR == (rows * FAR).round()).all() and (rows.abs() < FAR).all())
     if exact:
-        return False  # then so is each sum of squares, in whatever order
+        return False  # then each sum of squares is exact, in any order
     distance = torch.linalg.vector_norm(rows[:-1] - rows[-1], dim=1).sort().values
     edge = -torch.tensor(sofm.config.novelty_threshold).double().log()
     gaps = torch.cat([distance[:3].diff(), (distance[:1] - edge).abs()])
     return bool((gaps <= CLOSE * (1 + distance[0])).any())
 
 
-def settings_of(draw: st.DrawFn, dimensions: int) -> dict[str, Any]:
-    """Each field by itself: the presets are two of many."""
+def draw_settings(draw: st.DrawFn, dimensions: int) -> dict[str, Any]:
+    """Draw every field independently of the others."""
     options: dict[str, st.SearchStrategy[Any]] = {
         "scale": st.none() | st.tuples(*[st.sampled_from([0.5, 1.0, 2.0])] * dimensions),
         "novelty_threshold": st.sampled_from([0.01, 0.01, 0.1, 0.3, 0.9]),
@@ -97,10 +97,10 @@ def settings_of(draw: st.DrawFn, dimensions: int) -> dict[str, Any]:
 
 
 @st.composite
-def lessons(draw: st.DrawFn) -> tuple[SOFMConfig, Tensor, list[int]]:
-    """A config, percepts on a coarse grid, where ties abound, and how many to learn at once."""
+def sequences(draw: st.DrawFn) -> tuple[SOFMConfig, Tensor, list[int]]:
+    """Draw a config, percepts on a coarse grid with many ties, and how many to learn at once."""
     dimensions = draw(st.sampled_from([1, 2, 3, 8, 17]))
-    config = SOFMConfig(dimensions, **settings_of(draw, dimensions))
+    config = SOFMConfig(dimensions, **draw_settings(draw, dimensions))
     coordinate = st.integers(-2, 2).map(float)
     place = st.lists(coordinate, min_size=dimensions, max_size=dimensions)
     places = draw(st.lists(place, min_size=2, max_size=8))
@@ -111,7 +111,7 @@ def lessons(draw: st.DrawFn) -> tuple[SOFMConfig, Tensor, list[int]]:
 
 
 def learn_in_parts(sofm: HabituatingSOFM, percepts: Tensor, parts: list[int]) -> Observation:
-    """Stretches of different lengths, those of length 0 by one `step`."""
+    """Learn stretches of different lengths, those of length 0 by one `step`."""
     records, start, turn = [], 0, 0
     while start < len(percepts):
         length = parts[turn % len(parts)]
@@ -125,18 +125,18 @@ def learn_in_parts(sofm: HabituatingSOFM, percepts: Tensor, parts: list[int]) ->
     return Observation(*map(torch.cat, zip(*records, strict=True)))
 
 
-def test_both_engines_learn_the_same_from_random_lessons():
+def test_both_engines_learn_the_same_from_random_sequences():
     happened = Counter()
 
     @settings(max_examples=100, derandomize=True, deadline=None, database=None)
-    @given(lessons())
-    def check(lesson: tuple[SOFMConfig, Tensor, list[int]]) -> None:
-        config, percepts, parts = lesson
-        eager, compiled = both(config)
+    @given(sequences())
+    def check(sequence: tuple[SOFMConfig, Tensor, list[int]]) -> None:
+        config, percepts, parts = sequence
+        eager, compiled = make_both(config)
         records = []
         for percept in percepts:
             if rounding_decides(eager, percept):
-                happened["given up"] += 1
+                happened["stopped"] += 1
                 break
             distances = (eager.nodes.live("prototype") - percept * eager.scale).square().sum(1)
             happened["ties"] += len(distances.unique()) < len(distances)
@@ -149,12 +149,12 @@ def test_both_engines_learn_the_same_from_random_lessons():
         assert_same_state(eager, compiled)
         for name in ("inserted", "ignored", "dishabituated", "deleted"):
             happened[name] += int(getattr(expected, name).sum())
-        happened["lessons"] += 1
+        happened["sequences"] += 1
 
     check()
     for name in ("ties", "inserted", "ignored", "dishabituated", "deleted"):
         assert happened[name] > 20, happened
-    assert happened["given up"] < happened["lessons"] / 2, happened
+    assert happened["stopped"] < happened["sequences"] / 2, happened
 
 
 @pytest.mark.parametrize("preset", ["paper", "gwr"])
@@ -169,7 +169,7 @@ def test_both_engines_learn_the_same_from_noisy_data_but_for_rounding(preset: st
     )
     compared, happened = 0, Counter()
     for seed in range(2):
-        eager, compiled = both(config)
+        eager, compiled = make_both(config)
         random = np.random.default_rng(1000 + seed)
         way = np.cumsum(random.normal(size=(300, dimensions)) / dimensions**0.5, axis=0)
         for percept in torch.from_numpy(np.sin(0.2 * way).astype(np.float32)):
@@ -188,7 +188,7 @@ def test_both_engines_learn_the_same_from_noisy_data_but_for_rounding(preset: st
 
 @pytest.mark.parametrize("threshold", [1e-4, 0.3, 0.5, 0.9, 0.999, 0.9999999, 0.99999999])
 def test_novelty_begins_at_the_same_distance(threshold: float):
-    eager, compiled = both(SOFMConfig.paper(1, novelty_threshold=threshold))
+    eager, compiled = make_both(SOFMConfig.paper(1, novelty_threshold=threshold))
     start = torch.zeros(1, 1)
     eager.observe(start), compiled.observe(start)
     edge = np.float32(-np.log(threshold))
@@ -211,14 +211,14 @@ def walk(samples: int, dimensions: int, seed: int = 0) -> Tensor:
     return torch.randn(samples, dimensions, generator=random).cumsum(0).mul(0.3)
 
 
-def taught(engine: str = "compiled", **fields: object) -> HabituatingSOFM:
+def make_trained(engine: str = "compiled", **fields: object) -> HabituatingSOFM:
     sofm = HabituatingSOFM(SOFMConfig.paper(3, **fields), engine=engine)
     sofm.observe(walk(300, 3))
     return sofm
 
 
 def test_a_step_is_an_observation_of_one():
-    one, other = taught(), taught()
+    one, other = make_trained(), make_trained()
     for percept in walk(200, 3, seed=1):
         record = one.observe(percept[None])
         step = other.step(percept.numpy())
@@ -228,7 +228,7 @@ def test_a_step_is_an_observation_of_one():
 
 
 def test_a_step_in_eval_mode_reads_and_changes_nothing():
-    sofm = taught().eval()
+    sofm = make_trained().eval()
     before = state_of(sofm)
     for percept in walk(50, 3, seed=1):
         step, reading = sofm.step(percept), sofm(percept[None])
@@ -247,7 +247,7 @@ def test_the_first_step_makes_the_first_node():
 
 
 def test_a_row_of_a_larger_or_protected_array_can_be_a_step():
-    sofm, plain = taught(), taught()
+    sofm, plain = make_trained(), make_trained()
     columns = np.asfortranarray(walk(20, 3, seed=2).numpy())
     columns.flags.writeable = False
     for row in columns:
@@ -266,7 +266,7 @@ def test_a_row_of_a_larger_or_protected_array_can_be_a_step():
 )  # fmt: skip
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 def test_a_step_refuses_bad_percepts_before_anything_changes(engine: str, percept: object):
-    sofm = taught(engine)
+    sofm = make_trained(engine)
     before = state_of(sofm)
     with pytest.raises(ValueError, match=r"^expected .*(percept|scaled).*, got "):
         sofm.step(percept)  # pyright: ignore[reportArgumentType]
@@ -274,8 +274,8 @@ def test_a_step_refuses_bad_percepts_before_anything_changes(engine: str, percep
         assert torch.equal(tensor, before[name])
 
 
-def test_buffers_that_move_are_followed():
-    sofm, eager = taught(), taught("eager")
+def test_replaced_buffers_are_noticed():
+    sofm, eager = make_trained(), make_trained("eager")
     further = walk(60, 3, seed=3)
     loaded = HabituatingSOFM(SOFMConfig.paper(3), engine="compiled")
     loaded.observe(walk(5, 3, seed=9))
@@ -288,13 +288,13 @@ def test_buffers_that_move_are_followed():
         for percept in further[30:]:
             other.step(percept)
         assert_same_state(eager, other)
-        assert_same_state(sofm, taught())
+        assert_same_state(sofm, make_trained())
         assert state_of(sofm).keys() == before.keys()
-    shared = taught()
+    shared = make_trained()
     shared.share_memory()
     shared.observe(further)
     assert_same_state(eager, shared)
-    taken = taught()
+    taken = make_trained()
     taken.nodes.prototype = taken.nodes.prototype.clone()
     taken.observe(further)
     assert_same_state(eager, taken)
@@ -302,7 +302,7 @@ def test_buffers_that_move_are_followed():
 
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 @pytest.mark.parametrize("method", ["observe", "step"])
-def test_a_loaded_edge_that_is_too_old_goes_at_once(engine: Engine, method: str):
+def test_a_loaded_edge_that_is_too_old_is_deleted_at_once(engine: Engine, method: str):
     sofm = HabituatingSOFM(SOFMConfig.paper(1, max_edge_age=50), engine)
     sofm.observe(torch.tensor([[0.0], [5.0], [10.0]]))
     state = sofm.state_dict()
@@ -317,7 +317,7 @@ def test_a_loaded_edge_that_is_too_old_goes_at_once(engine: Engine, method: str)
 
 
 def before_a_forbidden_page(tensor: Tensor) -> Tensor:
-    """The same numbers, right before memory that nobody may touch."""
+    """Return the same numbers, right before memory that raises a fault when it is touched."""
     size = tensor.numel() * tensor.element_size()
     room = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
     memory = mmap.mmap(-1, room + mmap.PAGESIZE)
@@ -333,7 +333,7 @@ def before_a_forbidden_page(tensor: Tensor) -> Tensor:
 def test_kernels_keep_within_the_buffers(dimensions: int):
     random = torch.Generator().manual_seed(dimensions)
     for nodes in (1, 7, 8, 9, 24, 31):
-        eager, compiled = both(SOFMConfig.paper(dimensions, novelty_threshold=0.9))
+        eager, compiled = make_both(SOFMConfig.paper(dimensions, novelty_threshold=0.9))
         eager.observe(torch.randint(-45, 46, (nodes, dimensions), generator=random).float())
         compiled.load_state_dict(eager.state_dict())
         for rows in (compiled.nodes, compiled.edges):
@@ -350,7 +350,7 @@ def test_kernels_keep_within_the_buffers(dimensions: int):
         assert_same_state(eager, compiled)
 
 
-def test_a_replaced_config_is_followed():
+def test_a_replaced_config_is_noticed():
     sofm = HabituatingSOFM(SOFMConfig.paper(1, novelty_threshold=0.5), engine="compiled")
     sofm.observe(torch.zeros(1, 1))
     assert not sofm.step(torch.tensor([0.1])).novelty
@@ -362,16 +362,16 @@ def shorten_habituation(sofm: HabituatingSOFM) -> None:
     sofm.nodes.habituation = sofm.nodes.habituation[:-1].clone()
 
 
-def take_nodes_away(sofm: HabituatingSOFM) -> None:
-    for name in sofm.nodes.columns:  # its edges are still those of the many nodes
+def remove_nodes(sofm: HabituatingSOFM) -> None:
+    for name in sofm.nodes.columns:  # its edges stay
         setattr(sofm.nodes, name, sofm.nodes.get_buffer(name)[:2].clone())
 
 
-def lead_nowhere(sofm: HabituatingSOFM) -> None:
+def join_missing_node(sofm: HabituatingSOFM) -> None:
     sofm.edges.live("ends")[0, 1] = len(sofm)
 
 
-def lead_back(sofm: HabituatingSOFM) -> None:
+def join_node_to_itself(sofm: HabituatingSOFM) -> None:
     sofm.edges.live("ends")[0] = 1
 
 
@@ -386,9 +386,9 @@ def free_prototypes(sofm: HabituatingSOFM) -> None:
 
 CONTRADICTIONS = {
     "columns of unequal length": (shorten_habituation, "expected habituation of shape"),
-    "fewer nodes": (take_nodes_away, "edges between two of 2 nodes"),
-    "an edge that leads nowhere": (lead_nowhere, "edges between two of"),
-    "an edge from a node to itself": (lead_back, "edges between two of"),
+    "fewer nodes": (remove_nodes, "edges between two of 2 nodes"),
+    "an edge to a missing node": (join_missing_node, "edges between two of"),
+    "an edge from a node to itself": (join_node_to_itself, "edges between two of"),
     "another type": (double_habituation, "expected habituation as torch.float32 on the CPU, got"),
     "no memory": (free_prototypes, "elements in memory, got 0 bytes"),
 }
@@ -396,7 +396,7 @@ CONTRADICTIONS = {
 
 @pytest.mark.parametrize("contradiction", CONTRADICTIONS)
 def test_buffers_that_contradict_one_another_are_refused(contradiction: str):
-    sofm, (spoil, message) = taught(), CONTRADICTIONS[contradiction]
+    sofm, (spoil, message) = make_trained(), CONTRADICTIONS[contradiction]
     assert len(sofm) > 3
     sofm.step(walk(1, 3)[0])  # it has looked up its buffers
     spoil(sofm)
@@ -409,44 +409,44 @@ def test_buffers_that_contradict_one_another_are_refused(contradiction: str):
 
 
 def test_a_part_of_a_state_is_not_loaded():
-    sofm, small = taught(), HabituatingSOFM(SOFMConfig.paper(3))
+    sofm, small = make_trained(), HabituatingSOFM(SOFMConfig.paper(3))
     small.observe(walk(2, 3))
     part = {name: tensor for name, tensor in small.state_dict().items() if "nodes" in name}
     with pytest.raises(ValueError, match=r"\['edges.age', 'edges.ends', 'time'\] missing"):
         sofm.load_state_dict(part, strict=False)
-    assert_same_state(sofm, taught())
+    assert_same_state(sofm, make_trained())
 
 
 def test_an_array_from_another_process_can_be_a_step():
     row = pickle.loads(pickle.dumps(np.zeros(3, np.float32)))
-    assert taught().step(row) == taught().step(np.zeros(3, np.float32))
+    assert make_trained().step(row) == make_trained().step(np.zeros(3, np.float32))
 
 
-def test_what_others_compile_is_none_of_our_business():
-    taught()  # by now the listener is there
+def test_kernels_outside_the_library_are_not_announced():
+    make_trained()  # registers the listener
     space = {"__name__": None}
     exec("def double(x): return 2 * x", space)
     assert numba.njit(space["double"])(4) == 8
 
 
 def test_double_precision_runs_eagerly_and_cannot_be_forced():
-    auto = taught("auto").double()
-    assert auto.compiled() is None
+    auto = make_trained("auto").double()
+    assert not runs_compiled(auto.engine, auto.nodes.prototype)
     auto.observe(walk(5, 3).double())
-    assert auto.float().compiled() is not None
-    forced = taught("compiled").double()
+    assert runs_compiled(auto.float().engine, auto.nodes.prototype)
+    forced = make_trained("compiled").double()
     with pytest.raises(ValueError, match=r"float32 on the CPU for engine='compiled', got torch.fl"):
         forced.observe(walk(5, 3).double())
 
 
-def test_engines_have_names():
+def test_an_unknown_engine_is_refused():
     with pytest.raises(ValueError, match="auto, eager, compiled, got 'fast'"):
         HabituatingSOFM(SOFMConfig.paper(3), engine="fast")  # pyright: ignore[reportArgumentType]
-    assert taught("eager").compiled() is None
+    assert not runs_compiled("eager", make_trained("eager").nodes.prototype)
 
 
 def test_reading_in_threads_changes_nothing():
-    sofm, percepts = taught(novelty_threshold=0.97), walk(20_000, 3, seed=4)
+    sofm, percepts = make_trained(novelty_threshold=0.97), walk(20_000, 3, seed=4)
     assert len(sofm) > 60
     threads = torch.get_num_threads()
     try:
@@ -457,7 +457,7 @@ def test_reading_in_threads_changes_nothing():
     finally:
         torch.set_num_threads(threads)
     assert all(map(torch.equal, alone, together))
-    eager = taught("eager", novelty_threshold=0.97)(percepts)
+    eager = make_trained("eager", novelty_threshold=0.97)(percepts)
     differ = (eager.winner != alone.winner) | (eager.runner_up != alone.runner_up)
     assert all(rounding_decides(sofm, percept) for percept in percepts[differ])
 
@@ -474,7 +474,7 @@ def test_percepts_read_together_are_read_as_each_alone(dimensions: int):
 
 
 def squares(percept: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Squared distances of a percept [D] from rows [N, D]."""
+    """Return squared distances of a percept [D] from rows [N, D]."""
     out = np.full(max(4, len(rows)), np.nan, np.float32)
     nearest = squared_distances(percept[None], 0, np.ascontiguousarray(rows.T), 0, len(rows), out)
     order = [*out[: len(rows)].argsort(kind="stable").tolist(), NO_NODE]
@@ -482,11 +482,11 @@ def squares(percept: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray[
     return out[: len(rows)]
 
 
-def equally_near(dimensions: int) -> tuple[NDArray[np.float32], ...]:
-    """Percepts [8, D], rows [33, D], and squares [8, 33] of each pair alone.
+def nearly_equidistant(dimensions: int) -> tuple[NDArray[np.float32], ...]:
+    """Return percepts [8, D], rows [33, D], and squares [8, 33] of each pair alone.
 
-    The rows hold the same numbers in other places, and a percept one number everywhere: which row
-    is nearest is a matter of the last bit.
+    Rows are permutations of the same numbers, and a percept has equal dimensions: the last bit
+    decides which row is nearest.
     """
     rng = np.random.default_rng(dimensions)
     rows = rng.permuted(np.tile(rng.standard_normal(dimensions), (33, 1)), axis=1)
@@ -499,8 +499,8 @@ def equally_near(dimensions: int) -> tuple[NDArray[np.float32], ...]:
 
 
 @pytest.mark.parametrize("dimensions", range(1, 41))
-def test_a_distance_depends_on_nothing_but_the_two_points(dimensions: int):
-    percepts, rows, alone = equally_near(dimensions)
+def test_a_distance_depends_on_the_two_points_alone(dimensions: int):
+    percepts, rows, alone = nearly_equidistant(dimensions)
     for percept, expected in zip(percepts, alone, strict=True):
         for first, last in ((0, 33), (1, 33), (5, 8), (7, 12), (3, 4), (11, 13), (30, 33)):
             np.testing.assert_array_equal(squares(percept, rows[first:last]), expected[first:last])
@@ -511,9 +511,9 @@ def test_a_distance_depends_on_nothing_but_the_two_points(dimensions: int):
 
 
 @pytest.mark.parametrize("dimensions", range(1, 41))
-def test_a_distance_is_the_same_to_all_who_ask(dimensions: int):
-    """To the map, that reads one percept or 100,000, or learns, and to what recalls."""
-    percepts, rows, alone = equally_near(dimensions)
+def test_every_way_of_reading_gives_the_same_distance(dimensions: int):
+    """Reading one percept or 100,000, learning, and recalling."""
+    percepts, rows, alone = nearly_equidistant(dimensions)
     order = alone.argsort(axis=1, kind="stable")[:, :2]
     nearest = np.sqrt(alone.min(axis=1)).astype(np.float64)
     expected = np.column_stack([order, np.exp(-nearest).astype(np.float32)])
@@ -543,7 +543,7 @@ def test_a_distance_is_the_same_to_all_who_ask(dimensions: int):
         assert recalled.offset == wanted[0]
 
 
-def test_of_equally_near_nodes_the_first_win_however_many_percepts_are_read():
+def test_ties_go_to_the_lowest_index_however_many_percepts_are_read():
     sofm = HabituatingSOFM(SOFMConfig.paper(2, novelty_threshold=0.9))
     corners = torch.tensor([[x, y] for x in (0.0, 2.0, 4.0) for y in (0.0, 2.0, 4.0)])
     sofm.observe(corners)
@@ -557,14 +557,14 @@ def test_of_equally_near_nodes_the_first_win_however_many_percepts_are_read():
 def test_a_gradient_reaches_the_percepts_through_the_compiled_search():
     percepts = walk(10, 3, seed=5).requires_grad_()
     gradients = [
-        torch.autograd.grad(taught(engine)(percepts).activation.sum(), percepts)[0]
+        torch.autograd.grad(make_trained(engine)(percepts).activation.sum(), percepts)[0]
         for engine in ("eager", "compiled")
     ]
     torch.testing.assert_close(*gradients)
     assert gradients[0].abs().sum() > 0
 
 
-def test_the_eager_engine_brings_no_numba():
+def test_the_eager_engine_does_not_import_numba():
     code = """
 import sys, torch
 from pacnet import HabituatingSOFM, SOFMConfig

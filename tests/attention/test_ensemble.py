@@ -7,7 +7,7 @@ from pacnet import HabituatingSOFM, SOFMConfig, SOFMEnsemble
 
 
 def streams(count: int, dimensions: int = 3) -> list[torch.Tensor]:
-    """Walks of different lengths."""
+    """Return random walks of different lengths."""
     random = torch.Generator().manual_seed(0)
     return [
         torch.randn(100 + 20 * b, dimensions, generator=random).cumsum(0).mul(0.3)
@@ -16,7 +16,7 @@ def streams(count: int, dimensions: int = 3) -> list[torch.Tensor]:
 
 
 def maps(count: int, engine: str = "auto") -> list[HabituatingSOFM]:
-    """Presets and thresholds in turn."""
+    """Return maps with alternating presets and increasing thresholds."""
     presets = SOFMConfig.paper, SOFMConfig.gwr
     return [
         HabituatingSOFM(presets[b % 2](3, novelty_threshold=0.2 + 0.05 * b), engine)
@@ -71,11 +71,11 @@ def test_eval_mode_freezes_all_maps():
 
 
 def test_an_ensemble_saves_and_loads_as_one():
-    taught, fresh = SOFMEnsemble(maps(3)), SOFMEnsemble(maps(3))
-    taught.observe(streams(3))
-    fresh.load_state_dict(taught.state_dict())
-    for sofm, other in zip(taught.maps, fresh.maps, strict=True):
-        assert torch.equal(sofm.prototypes, other.prototypes)
+    trained, other = SOFMEnsemble(maps(3)), SOFMEnsemble(maps(3))
+    trained.observe(streams(3))
+    other.load_state_dict(trained.state_dict())
+    for sofm, loaded in zip(trained.maps, other.maps, strict=True):
+        assert torch.equal(sofm.prototypes, loaded.prototypes)
 
 
 def test_no_map_and_the_same_map_twice_are_refused():

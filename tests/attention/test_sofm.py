@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from pacnet import NO_NODE, HabituatingSOFM, SOFMConfig
+from pacnet.kernels.engine import Engine
 
 
 def percepts(*rows: tuple[float, ...]) -> torch.Tensor:
@@ -53,7 +54,7 @@ def test_winner_and_runner_up_are_the_two_nearest():
     assert reading.novelty.tolist() == [True, True]
 
 
-def test_exact_ties_go_to_the_lowest_number():
+def test_exact_ties_go_to_the_lowest_index():
     sofm = make_map(novelty_threshold=0.5)
     sofm.observe(percepts((2, 0), (-2, 0), (0, 2), (0, -2)))
     reading = sofm(percepts((0, 0)))
@@ -72,7 +73,7 @@ def test_reading_in_chunks_changes_nothing(monkeypatch: pytest.MonkeyPatch):
     sofm.observe(make_walk(300, 3, seed=1))
     queries = make_walk(50, 3, seed=2)
     whole = sofm(queries)
-    monkeypatch.setattr("pacnet.attention.sofm._SEARCH_ELEMENTS", 1)
+    monkeypatch.setattr("pacnet.attention.eager._SEARCH_ELEMENTS", 1)
     for one, other in zip(whole, sofm(queries), strict=True):
         assert torch.equal(one, other)
 
@@ -127,7 +128,7 @@ def test_gwr_inserts_midway_and_only_where_the_winner_is_habituated():
     torch.testing.assert_close(sofm.prototypes[1], (before + torch.tensor([4.0, 0.0])) / 2)
 
 
-def test_gwr_puts_the_new_node_on_the_edge_between_winner_and_runner_up():
+def test_gwr_inserts_the_new_node_on_the_edge_between_winner_and_runner_up():
     sofm = make_map(preset="gwr", novelty_threshold=0.9)
     sofm.observe(percepts((0, 0)).expand(12, 2))
     sofm.observe(percepts((4, 0)))  # node 1 at (2, 0)
@@ -191,7 +192,7 @@ def test_a_fully_habituated_winner_ignores_its_percept():
             assert torch.equal(value, state[name]), name
 
 
-def test_a_habituated_neighbour_is_not_dragged_along():
+def test_a_habituated_neighbour_does_not_move():
     sofm = make_map(novelty_threshold=0.5)
     sofm.observe(percepts((0, 0)).expand(11, 2))
     sofm.observe(percepts((2, 0), (1.9, 0)))
@@ -224,7 +225,7 @@ def test_a_dishabituated_node_moves_again():
 # Edges
 
 
-def test_an_aged_edge_goes_and_the_lonely_node_with_it():
+def test_an_old_edge_is_deleted_with_its_isolated_node():
     sofm = make_map(novelty_threshold=0.5, max_edge_age=3, ignore_when_habituated=False)
     sofm.observe(percepts((0, 0), (2, 0), (0, 9)))  # 0-1, and 2 joined to 0
     record = sofm.observe(percepts((0, 0)).expand(4, 2))  # 0 and 1 stay best and second best
@@ -238,7 +239,7 @@ def test_deleting_a_node_renumbers_the_edges_of_later_ones():
     sofm.observe(percepts((0, 0), (0, 9), (2, 0), (4, 0)))  # 0-1, 0-2, 2-3
     record = sofm.observe(percepts((0.1, 0)).expand(3, 2))
     assert record.deleted.sum() == 1
-    assert sofm.prototypes[:, 1].abs().max() < 1  # the far node is gone
+    assert sofm.prototypes[:, 1].abs().max() < 1  # the far node is deleted
     assert sorted(sofm.edges.live("ends").tolist()) == [[0, 1], [1, 2]]
 
 
@@ -335,12 +336,12 @@ def test_bad_percepts_are_refused_before_anything_changes(case: str, method: str
         ("max_edge_age", 0),
     ],
 )
-def test_a_config_without_meaning_is_refused_by_name(field: str, value: object):
+def test_an_invalid_config_field_is_refused_by_name(field: str, value: object):
     with pytest.raises(ValueError, match=f"SOFMConfig.{field}.*got"):
         SOFMConfig.paper(2, **{field: value})
 
 
-def test_a_percept_exactly_at_the_threshold_is_no_novelty():
+def test_a_percept_exactly_at_the_threshold_is_not_novel():
     sofm = make_map(novelty_threshold=torch.tensor(-1.0).exp().item())
     sofm.observe(percepts((0, 0)))
     assert sofm(percepts((1, 0), (1.001, 0))).novelty.tolist() == [False, True]
@@ -358,7 +359,7 @@ def test_gwr_never_forgets_by_default():
     assert SOFMConfig.gwr(2).forgetting_interval is None
 
 
-def test_several_nodes_that_go_at_once_move_the_later_ones_down_together():
+def test_several_nodes_deleted_at_once_move_the_later_ones_down_together():
     sofm = make_map(max_edge_age=2, neighbour_rate=0.0, ignore_when_habituated=False)
     sofm.observe(percepts((0, 0), (9, 0), (-9, 0), (0, 2), (0, 4)))  # 0-1, 0-2, 0-3, 3-4
     record = sofm.observe(percepts((0, 0)).expand(3, 2))  # 0 and 3 stay best and second best
@@ -375,3 +376,33 @@ def test_percepts_on_another_device_are_refused():
 def test_a_percept_has_at_least_one_dimension():
     with pytest.raises(ValueError, match=r"SOFMConfig\.dimensions ≥ 1, got 0"):
         SOFMConfig(dimensions=0)
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_an_update_lists_the_deleted_nodes_by_sample(engine: Engine):
+    config = SOFMConfig.paper(2, max_edge_age=2, neighbour_rate=0.0, ignore_when_habituated=False)
+    sofm = HabituatingSOFM(config, engine)
+    sofm.observe(percepts((0, 0), (9, 0), (-9, 0), (0, 2), (0, 4)))
+    update = sofm.update(percepts((0, 0)).expand(5, 2))
+    assert {sample: nodes.tolist() for sample, nodes in update.deleted_nodes.items()} == {2: [1, 2]}
+    stretches = [(part, nodes.tolist()) for part, nodes in update.between_deletions()]
+    assert stretches == [(slice(0, 3), [1, 2]), (slice(3, 5), [])]
+
+
+@pytest.mark.parametrize("engine", ["eager", "compiled"])
+def test_reading_one_percept_also_returns_it_normalized(engine: Engine):
+    sofm = HabituatingSOFM(SOFMConfig.paper(2, scale=(1.0, 0.5)), engine)
+    sofm.observe(percepts((0, 0), (1, 4)))
+    step, normalized = sofm.read_one(np.float32([1, 6]))
+    assert normalized.tolist() == [1, 3]
+    assert step == sofm.eval().step(np.float32([1, 6]))
+
+
+def test_old_names_of_the_verbs_warn():
+    sofm = make_map(scale=(1.0, 0.5))
+    with pytest.warns(DeprecationWarning, match="scaled is now normalize"):
+        assert sofm.scaled(percepts((1, 6))).tolist() == [[1, 3]]  # pyright: ignore
+    with pytest.warns(DeprecationWarning, match="learn is now update"):
+        sofm.learn(percepts((1, 3)))  # pyright: ignore
+    with pytest.warns(DeprecationWarning, match="look is now read_one"):
+        assert sofm.look(torch.tensor([1.0, 6.0]))[0].winner == 0  # pyright: ignore

@@ -1,4 +1,4 @@
-"""Distances, against plain numpy."""
+"""Distances, compared with plain numpy."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pacnet.kernels.distances import distances_of
 
 
 @pytest.mark.parametrize("dimensions", [1, 3, 8, 9, 16, 17, 28, 40])
-def test_distances_are_those_of_each_row_and_of_nothing_beyond(dimensions: int):
+def test_distances_are_those_of_the_rows_and_ignore_memory_beyond(dimensions: int):
     rng = np.random.default_rng(dimensions)
     percept = rng.standard_normal(dimensions).astype(np.float32)
     for rows in range(1, 40):
-        room = np.full((rows + 3, dimensions), np.nan, np.float32)  # as of a pool that has grown
-        cues = room[:rows]
+        memory = np.full((rows + 3, dimensions), np.nan, np.float32)  # as in a pool that has grown
+        cues = memory[:rows]
         cues[:] = rng.standard_normal((rows, dimensions))
         cues[rows // 2] = percept
         distances = distances_of(percept, cues)
@@ -24,7 +24,7 @@ def test_distances_are_those_of_each_row_and_of_nothing_beyond(dimensions: int):
         assert distances[rows // 2] == 0
 
 
-def test_rows_that_do_not_lie_one_after_the_other_are_read_as_they_are():
+def test_strided_rows_are_read_correctly():
     rng = np.random.default_rng(0)
     table = rng.standard_normal((12, 20)).astype(np.float32)
     expected = np.linalg.norm(table.T[:, ::2] - table[::2, 3], axis=1)
