@@ -125,7 +125,7 @@ def _rivals(imitator: Imitator, step: ImitatorStep, percept: Tensor) -> list[dic
     schemas = _competing(imitator)
     if step.decision.is_novel or schemas.timeline() is None:
         return []
-    scaled = imitator.network.sofm.scaled(percept[None])[0]
+    scaled = imitator.network.sofm.normalize(percept[None])[0]
     return [
         {
             "schema": rival.schema,

@@ -20,7 +20,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention.config import LARGEST_PERCEPT
 from pacnet.competition.competing_schemas import CompetingSchemas
 from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
 from pacnet.core.drafts import adopt, draft_of, snapshot_of
@@ -34,7 +33,7 @@ from pacnet.core.integrity import (
 )
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import rename_on_load
-from pacnet.core.validation import check_index, check_row
+from pacnet.core.validation import MAX_VALUE, check_index, check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.auto_config import choose_settings
@@ -421,13 +420,13 @@ class Imitator(nn.Module):
                     f"got {rows.shape[1]}"
                 )
         try:
-            self.network.sofm.scaled(shown.percepts)
+            self.network.sofm.normalize(shown.percepts)
         except ValueError as error:
             raise ValueError(f"episode {shown.episode}: {error}") from None
         largest = max(float(rows.abs().max()) for rows in (shown.action, self._targets(shown)))
-        if largest > LARGEST_PERCEPT:
+        if largest > MAX_VALUE:
             raise ValueError(
-                f"expected actions and targets within ±{LARGEST_PERCEPT:g} in episode "
+                f"expected actions and targets within ±{MAX_VALUE:g} in episode "
                 f"{shown.episode}, got {largest:g}"
             )
 
@@ -445,7 +444,7 @@ class Imitator(nn.Module):
         with self.network.learning() as draft:  # from here on nobody else learns
             number, first_action = len(self.lessons), self.first_action
             correction = correction and number > 0  # there is nothing to correct before
-            familiarity, percepts = draft_of(self.familiarity), draft.sofm.scaled(shown.percepts)
+            familiarity, percepts = draft_of(self.familiarity), draft.sofm.normalize(shown.percepts)
             unfamiliar = _compare(draft, familiarity, percepts, number, correction)
             watched = draft.update(percepts)
             draft.update(percepts, self._targets(shown), number, shown.task)

@@ -39,7 +39,7 @@ def check_pair(
     sofm: HabituatingSOFM, schemas: Schemas, percepts: Tensor, targets: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Return normalized percepts `[T, D]` and targets `[T, A]`, or raise a ValueError."""
-    percepts = sofm.scaled(percepts)
+    percepts = sofm.normalize(percepts)
     wanted = schemas.pool.live("target")  # nothing else is read: another thread may be learning
     if wanted.dim() != 2:
         raise ValueError(f"expected stored targets [rows, A], got {list(wanted.shape)}")

@@ -134,7 +134,7 @@ class PACNet(nn.Module):
         Raises:
             ValueError: wrong shape, dtype or device, empty, or not finite.
         """
-        percepts = self.sofm.scaled(percepts).detach()
+        percepts = self.sofm.normalize(percepts).detach()
         return self._learn(percepts)
 
     @torch.no_grad()
@@ -167,7 +167,7 @@ class PACNet(nn.Module):
 
     def _learn(self, percepts: Tensor, *lesson: Any) -> Observation:
         if not self.training:
-            return ignored(self.sofm.read(percepts)).observation
+            return ignored(self.sofm.read(percepts))
         with self.learning() as draft:
             observation = draft.update(percepts, *lesson)
             with defer_sigint(), self.changing:
@@ -220,7 +220,7 @@ class PACNet(nn.Module):
             check_episode(episode, self.episode)  # again: another thread may have learned one since
             self.schemas.begin_episode(episode, behaviour)
             self.episode.fill_(episode)
-        update = self.sofm.learn(percepts)
+        update = self.sofm.update(percepts)
         self._update_schemas(update, percepts, targets, episode)
         return update.observation
 
@@ -277,7 +277,7 @@ class PACNet(nn.Module):
             ValueError: percepts of the wrong shape, dtype or device, empty, or not finite; the
                 recall episode is where it was then.
         """
-        percepts, now = self.sofm.scaled(percepts), self.snapshot()
+        percepts, now = self.sofm.normalize(percepts), self.snapshot()
         attention = now.sofm.read(percepts)
         matching = torch.where(attention.novelty, NO_NODE, attention.winner)
         target, offset, schema = now.schemas.recall_samples(matching, percepts)
@@ -305,7 +305,7 @@ class PACNet(nn.Module):
         model = self.forward_model
         if model is None:
             raise ValueError("expected a forward model to act with, got PACNet(config) without one")
-        self.sofm.scaled(percepts)  # refuses bad ones before anything changes
+        self.sofm.normalize(percepts)  # refuses bad ones before anything changes
         states = percepts if states is None else check_states(states, percepts)
         recalled = self.recall(percepts)
         action = percepts.new_full((len(percepts), model.action_dimensions), torch.nan)
@@ -343,7 +343,7 @@ class PACNet(nn.Module):
         state: NDArray[np.float32] | Tensor | None,
     ) -> Decision:
         """`step` in the recall episode of a snapshot."""
-        seen, normalized = now.sofm.look(percept)
+        seen, normalized = now.sofm.read_one(percept)
         winner = NO_NODE if seen.novelty else seen.winner
         recalled = now.schemas.recall_one(winner, normalized)
         attention = seen.winner, seen.activation, seen.novelty
@@ -381,7 +381,7 @@ class PACNet(nn.Module):
             ValueError: one schema per node, or nothing learned yet, so that nothing can be
                 recognized; percepts of the wrong shape, dtype or device, empty, or not finite.
         """
-        normalized, now = self.sofm.scaled(percepts), self.snapshot()
+        normalized, now = self.sofm.normalize(percepts), self.snapshot()
         recognizer = now.recognizer()
         attention = now.sofm.read(normalized)
         steps = map(recognizer.update, as_array(normalized))

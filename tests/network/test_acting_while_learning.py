@@ -288,7 +288,7 @@ def rows_of(engine: str, number: int) -> Tensor:
 def test_a_map_is_read_from_two_threads_while_a_third_observes(engine: str):
     sofm, twin = make_map(engine), make_map(engine)
     percepts, lessons = lesson(50)[0], 8
-    reads = (lambda m: plain(m(percepts)), lambda m: plain(m.look(percepts[5])[0]))
+    reads = (lambda m: plain(m(percepts)), lambda m: plain(m.read_one(percepts[5])[0]))
     taken: tuple[list[Any], ...] = ([], [])
     works = [lambda: taken[0].append(reads[0](sofm)), lambda: taken[1].append(reads[1](sofm))]
     with beside(*works) as errors:
@@ -315,7 +315,7 @@ def test_a_map_is_read_from_two_threads_while_a_third_steps(engine: str):
         taken[0] += 1
 
     def look() -> None:
-        assert sofm.look(percepts[5])[0].activation > 0
+        assert sofm.read_one(percepts[5])[0].activation > 0
         taken[1] += 1
 
     with beside(read, look) as errors:

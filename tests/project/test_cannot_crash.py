@@ -126,7 +126,7 @@ def learn(model: Any, number: int) -> None:
 def answers(model: Any) -> list[Any]:
     """What it says of some percepts, from the beginning of a recall episode on."""
     if isinstance(model, HabituatingSOFM):
-        return [*model(draw(5, 20)), *(model.look(row)[0] for row in draw(6, 5))]
+        return [*model(draw(5, 20)), *(model.read_one(row)[0] for row in draw(6, 5))]
     percepts = lesson(7)[0][:20]
     model.reset()
     given = [model.step(row) for row in percepts]
@@ -345,7 +345,7 @@ def map_config_of_another_width(width: int, scaled: bool, engine: str) -> None:
     sofm.config = replace(sofm.config, dimensions=width, scale=scale)
     use(sofm)
     rows = torch.zeros(4, width)
-    for call in (sofm, sofm.observe, lambda rows: sofm.step(rows[0]), lambda r: sofm.look(r[0])):
+    for call in (sofm, sofm.observe, lambda r: sofm.step(r[0]), lambda r: sofm.read_one(r[0])):
         with refused():
             call(rows)
 
@@ -428,7 +428,7 @@ def two_million_nodes(engine: str) -> None:
         }
     )
     percept = torch.tensor([[1234567.1]])
-    assert int(sofm(percept).winner) == sofm.look(percept[0])[0].winner == 1234567
+    assert int(sofm(percept).winner) == sofm.read_one(percept[0])[0].winner == 1234567
     assert int(sofm.observe(percept).winner) == 1234567
 
 
@@ -468,7 +468,7 @@ def read_while_another_thread_learns(engine: str) -> None:
         try:
             while not over.is_set():
                 sofm(draw(5, 20))
-                sofm.look(draw(6, 1)[0])
+                sofm.read_one(draw(6, 1)[0])
         except BaseException as error:  # for the other thread to raise
             errors.append(error)
 
@@ -660,7 +660,7 @@ ROW_CALLS: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], object], Tens
             ("observe", lambda m, x: m.observe(x), FEW),
             ("step", lambda m, x: m.step(x), ONE),
             ("step when frozen", lambda m, x: m.eval().step(x), ONE),
-            ("look", lambda m, x: m.look(x), ONE),
+            ("read one", lambda m, x: m.read_one(x), ONE),
         )
     },
     "ensemble forward": (_ensemble, lambda m, x: m([FEW, x]), FEW),
@@ -1054,7 +1054,7 @@ BREAKS = {
     "pacnet.imitator.novelty.Familiarity._note": ("imitator",),
     "pacnet.core.growable_rows.GrowableRows.extend": (*ONE_A_NODE, *SEVERAL),
     "pacnet.core.growable_rows.GrowableRows.set_length": ("map", *ONE_A_NODE, *SEVERAL),
-    "pacnet.attention.compiled._as_lesson": ("map", *ONE_A_NODE, *SEVERAL),
+    "pacnet.attention.compiled.map_update": ("map", *ONE_A_NODE, *SEVERAL),
 }
 
 

@@ -187,7 +187,7 @@ def schemas_winning(network: SchemaNetwork, percepts: NDArray[np.float32]) -> ND
 
 def held_winners(network: PACNet, percepts: NDArray[np.float32]) -> NDArray[np.int64]:
     """Return the winning nodes `[T]` of a competition of activations with hysteresis."""
-    scaled = network.sofm.scaled(torch.from_numpy(percepts))
+    scaled = network.sofm.normalize(torch.from_numpy(percepts))
     activations = torch.exp(-torch.cdist(scaled, network.sofm.nodes.live("prototype")))
     rules = CompetitionConfig(network.config.attention.novelty_threshold, MARGIN)
     return Competition(rules).over_time(activations).numpy()
