@@ -248,10 +248,9 @@ class SchemaNetwork(nn.Module):
         Raises:
             ValueError: a tensor that is not finite; nothing has been written.
         """
-        bare = SchemaNetwork(self.config).to(self.scale.dtype)  # without the forward model
         own = self.state_dict()
-        bare.load_state_dict({n: t for n, t in own.items() if not n.startswith("forward_model.")})
-        save_checkpoint(folder, "SchemaNetwork", asdict(self.config), bare.state_dict())
+        tensors = {n: tensor for n, tensor in own.items() if not n.startswith("forward_model.")}
+        save_checkpoint(folder, "SchemaNetwork", asdict(self.config), tensors)
 
     @classmethod
     def from_pretrained(
