@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -19,9 +19,10 @@ from pacnet.competition.winner_take_all import NO_SCHEMA, Competition
 from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.core.integrity import check_structure
-from pacnet.core.old_names import old_names
+from pacnet.core.old_names import old_names, warn_renamed
 from pacnet.core.validation import check_index, check_rows, check_same_length
 from pacnet.forward_models.protocol import ForwardModel
+from pacnet.network.checks import FORWARD_MODEL, check_states
 from pacnet.network.schema_network_config import SchemaNetworkConfig
 
 _SEARCH_ELEMENTS = 2**24  # differences held at once during a search: 64 MB
@@ -41,11 +42,11 @@ class SchemaActivity(NamedTuple):
     """The target at that index, `[B, S, A]`; NaN where the motor schema is not active."""
 
 
-@old_names(commanded="has_target")
-class SchemaRecall(NamedTuple):
-    """The winning schema and its target for each of T percepts."""
+@old_names(targets="target", commanded="has_target", given="has_action")
+class SchemaDecision(NamedTuple):
+    """The winning schema, its target and its action for each of T percepts."""
 
-    targets: Tensor
+    target: Tensor
     """The winner's target, `[T, A]`; a row of NaN without a winner."""
     has_target: Tensor
     """Whether there is a winner, bool `[T]`."""
@@ -53,20 +54,18 @@ class SchemaRecall(NamedTuple):
     """Index of the winning schema, int64 `[T]`, or `NO_SCHEMA`."""
     activity: SchemaActivity
     """Of all schemas."""
-
-
-@old_names(given="has_action")
-class SchemaAction(NamedTuple):
-    """The action for each of T percepts."""
-
-    action: Tensor
-    """The winner's command, `[T, U]`; NaN where there is none and the caller's default acts."""
     has_action: Tensor
-    """Whether there is an action, bool `[T]`."""
-    candidates: Tensor
-    """The command of each schema, `[T, S, U]`; NaN where it is not active or has none."""
-    recall: SchemaRecall
-    """The winners and their targets."""
+    """Whether there is an action, bool `[T]`; without one the caller's default behaviour acts."""
+    action: Any = None
+    """The winner's command, `[T, U]`; a row of NaN without an action; None from `recall`."""
+    candidates: Any = None
+    """Commands of all schemas, `[T, S, U]`; NaN if inactive or without one; None from `recall`."""
+
+    @property
+    def recall(self) -> SchemaDecision:
+        """Old name of the record itself."""
+        warn_renamed("SchemaAction.recall", "SchemaDecision")
+        return self
 
 
 class SchemaNetwork(nn.Module):
@@ -87,8 +86,8 @@ class SchemaNetwork(nn.Module):
         >>> network = SchemaNetwork(SchemaNetworkConfig(1, 1))
         >>> first = network.add_schema(torch.tensor([[0.0], [1.0]]), torch.tensor([[5.0], [6.0]]))
         >>> second = network.add_schema(torch.tensor([[3.0]]), torch.tensor([[7.0]]))
-        >>> recall = network.recall(torch.tensor([[1.0], [2.5]]))
-        >>> recall.winner, recall.targets.flatten()
+        >>> decision = network.recall(torch.tensor([[1.0], [2.5]]))
+        >>> decision.winner, decision.target.flatten()
         (tensor([0, 1]), tensor([6., 7.]))
     """
 
@@ -183,7 +182,7 @@ class SchemaNetwork(nn.Module):
         return SchemaActivity(confidence, active, offset, targets)
 
     @torch.no_grad()
-    def recall(self, percepts: Tensor) -> SchemaRecall:
+    def recall(self, percepts: Tensor) -> SchemaDecision:
         """Return the winner and its target for each percept `[T, D]`, continuing the episode.
 
         If no schema is active there is no winner. `reset` starts a new episode.
@@ -191,12 +190,12 @@ class SchemaNetwork(nn.Module):
         Raises:
             ValueError: percepts as in `forward`; the episode is unchanged then.
         """
-        recall = self._compete(percepts)
-        self._incumbent = int(recall.winner[-1])
-        return recall
+        decision = self._compete(percepts)
+        self._incumbent = int(decision.winner[-1])
+        return decision
 
     @torch.no_grad()
-    def act(self, percepts: Tensor, states: Tensor) -> SchemaAction:
+    def act(self, percepts: Tensor, states: Tensor) -> SchemaDecision:
         """Return the command of every active motor schema, and the winner's as the action.
 
         The forward model is called once for each percept with a winner. It gets one row for each
@@ -221,15 +220,16 @@ class SchemaNetwork(nn.Module):
             raise ValueError(
                 "expected a forward model to act with, got SchemaNetwork(config) without one"
             )
-        recall = self._compete(percepts)
-        columns = states.shape[1] if isinstance(states, Tensor) and states.dim() == 2 else 1
-        check_rows("states", states, columns, like=percepts)
-        check_same_length(percepts=percepts, states=states)
-        candidates, has_command = self._command(model, recall, states)
-        self._incumbent = int(recall.winner[-1])
-        action = _of_winner(recall.winner, candidates, torch.nan)
-        has_action = _of_winner(recall.winner, has_command, False)
-        return SchemaAction(action, has_action, candidates, recall)
+        decision = self._compete(percepts)
+        states = check_states(states, percepts)
+        candidates, has_command = self._command(model, decision, states)
+        winner = decision.winner
+        self._incumbent = int(winner[-1])
+        return decision._replace(
+            has_action=_of_winner(winner, has_command, False),
+            action=_of_winner(winner, candidates, torch.nan),
+            candidates=candidates,
+        )
 
     def reset(self) -> None:
         """Start a new episode, also of the forward model: there is no last winner."""
@@ -249,7 +249,7 @@ class SchemaNetwork(nn.Module):
             ValueError: a tensor that is not finite; nothing has been written.
         """
         own = self.state_dict()
-        tensors = {n: tensor for n, tensor in own.items() if not n.startswith("forward_model.")}
+        tensors = {n: tensor for n, tensor in own.items() if not n.startswith(FORWARD_MODEL)}
         save_checkpoint(folder, "SchemaNetwork", asdict(self.config), tensors)
 
     @classmethod
@@ -287,23 +287,23 @@ class SchemaNetwork(nn.Module):
         scaled = check_rows("percepts", percepts, columns, self.scale) * self.scale
         return check_rows("scaled percepts", scaled, columns, self.scale)
 
-    def _compete(self, percepts: Tensor) -> SchemaRecall:
+    def _compete(self, percepts: Tensor) -> SchemaDecision:
         """Do what `recall` does, but do not remember the last winner."""
         activity = self(percepts)
         winner = self.competition.over_time(activity.confidence, self._incumbent)
-        targets = _of_winner(winner, activity.targets, torch.nan)
-        return SchemaRecall(targets, winner != NO_SCHEMA, winner, activity)
+        target, has_target = _of_winner(winner, activity.targets, torch.nan), winner != NO_SCHEMA
+        return SchemaDecision(target, has_target, winner, activity, torch.zeros_like(has_target))
 
     def _command(
-        self, model: ForwardModel, recall: SchemaRecall, states: Tensor
+        self, model: ForwardModel, decision: SchemaDecision, states: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Return the schemas' commands `[T, S, U]`, and whether they have one, bool `[T, S]`."""
-        active = recall.activity.active
-        targets = recall.activity.targets.where(active[:, :, None], recall.targets[:, None])
+        active = decision.activity.active
+        targets = decision.activity.targets.where(active[:, :, None], decision.target[:, None])
         commands = states.new_full((*active.shape, model.action_dimensions), torch.nan)
         has_command = torch.zeros_like(active)
         # One sample after the other, because a forward model may have a memory, as a PID has.
-        for sample in recall.has_target.nonzero().flatten().tolist():
+        for sample in decision.has_target.nonzero().flatten().tolist():
             state = states[sample].repeat(len(self), 1)
             commands[sample], has_command[sample] = model.command(state, targets[sample])
         has_command &= active

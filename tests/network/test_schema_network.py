@@ -86,7 +86,7 @@ def test_the_winner_gives_the_target_and_without_a_winner_there_is_none():
     recall = line(threshold=0.25).recall(column(NEAR_0, NOWHERE, NEAR_4))
     assert recall.winner.tolist() == [0, NO_SCHEMA, 1]
     assert recall.has_target.tolist() == [True, False, True]
-    assert recall.targets.flatten().nan_to_num(-1).tolist() == [10, -1, 20]
+    assert recall.target.flatten().nan_to_num(-1).tolist() == [10, -1, 20]
 
 
 def test_a_batch_equals_one_by_one():
@@ -128,11 +128,11 @@ def test_without_schemas_there_is_no_winner():
     assert activity.confidence.shape == activity.active.shape == (3, 0)
     assert activity.targets.shape == (3, 0, 2)
     acted = network.act(column(0, 1, 2), column(0, 0, 0))
-    assert acted.recall.winner.tolist() == [NO_SCHEMA] * 3
+    assert acted.winner.tolist() == [NO_SCHEMA] * 3
     assert acted.candidates.shape == (3, 0, 1)
     assert acted.has_action.tolist() == [False] * 3
     assert acted.action.isnan().all()
-    assert acted.recall.targets.isnan().all()
+    assert acted.target.isnan().all()
 
 
 def test_recall_goes_on_from_the_last_call_until_reset():
@@ -173,7 +173,7 @@ def test_each_schema_has_the_command_of_its_own_controller():
     # The targets of each row: its own if active, else the winner's; None without a winner.
     rows = {0: (10.0, 11.0, 20.0, None, 11.0, 10.0), 1: (10.0, 21.0, 20.0, None, 21.0, 10.0)}
     active = {0: (0, 1, 4, 5), 1: (1, 2, 4)}
-    assert acted.recall.winner.tolist() == [0, 1, 1, NO_SCHEMA, 1, 0]
+    assert acted.winner.tolist() == [0, 1, 1, NO_SCHEMA, 1, 0]
     for schema, targets in rows.items():
         own = pid()
         for sample, target in enumerate(targets):
@@ -204,7 +204,7 @@ def test_acting_goes_on_from_the_last_call_until_reset():
 
 def test_there_is_no_action_where_the_forward_model_abstains():
     acted = line(Abstains(), threshold=0.25).act(column(2.25, NEAR_0), column(0, 0))
-    assert acted.recall.winner.tolist() == [1, 0]
+    assert acted.winner.tolist() == [1, 0]
     assert acted.candidates[:, :, 0].nan_to_num(-1).tolist() == [[11, -1], [10, -1]]
     assert acted.has_action.tolist() == [False, True]
     assert acted.action.flatten().nan_to_num(-1).tolist() == [-1, 10]
@@ -212,10 +212,14 @@ def test_there_is_no_action_where_the_forward_model_abstains():
 
 def test_old_names_of_fields_warn():
     acted = line(Abstains()).act(column(NEAR_0), column(0))
-    renamed = {"given": acted, "commanded": acted.recall, "position": acted.recall.activity}
-    for old, record in renamed.items():
+    assert acted.activity.targets.shape == (1, 2, 1)
+    for old in ("given", "commanded", "targets"):
         with pytest.warns(DeprecationWarning, match=f"^{old} is now "):
-            assert getattr(record, old) is not None
+            assert len(getattr(acted, old)) == 1
+    with pytest.warns(DeprecationWarning, match="position is now offset"):
+        assert acted.activity.position is acted.activity.offset
+    with pytest.warns(DeprecationWarning, match="is now SchemaDecision"):
+        assert acted.recall is acted
 
 
 def test_gradient_reaches_the_percepts():
@@ -258,7 +262,7 @@ def test_a_refused_schema_changes_nothing(percepts, targets, message):
     [
         (torch.zeros(1, 2), torch.zeros(1, 2), "expected percepts"),
         (column(math.nan), torch.zeros(1, 2), "expected finite percepts"),
-        (column(NEAR_4), torch.zeros(2, 2), "expected equally many rows"),
+        (column(NEAR_4), torch.zeros(2, 2), "expected one state for each of 1 percepts, got 2"),
         (column(NEAR_4), torch.full((1, 2), math.nan), "expected finite states"),
         (column(NEAR_4), None, "expected states .* got NoneType"),
         (column(NEAR_4), torch.zeros(1, 1), r"expected states .*\[rows, 2\]"),  # the PID's own
