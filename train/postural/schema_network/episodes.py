@@ -144,9 +144,9 @@ def _imitate(
 
     def choose(seen: NDArray[np.float32]) -> NDArray[np.float32]:
         nonlocal target
-        targets, has_target, *_ = network.recall(torch.from_numpy(seen)[None])
-        if has_target.item():
-            target = targets[0].numpy()
+        decision = network.recall(torch.from_numpy(seen)[None])
+        if decision.has_target.item():
+            target = decision.target[0].numpy()
         return target
 
     return _run_episode(environment, seed, choose)
