@@ -88,13 +88,7 @@ def rebuild_config(kind: type[_Config], fields: Mapping[str, Any]) -> _Config:
 def write_checkpoint(
     folder: str | Path, config: Mapping[str, Any], tensors: Mapping[str, Tensor]
 ) -> None:
-    """Write a config and tensors, replacing the checkpoint in the folder; other files stay.
-
-    Args:
-        folder: made if it is missing.
-        config: in types that JSON can hold.
-        tensors: by name.
-    """
+    """Write a config, in types that JSON can hold, and tensors; see `save_checkpoint`."""
     from safetensors.torch import save
 
     folder = Path(folder)

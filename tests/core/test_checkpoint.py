@@ -1,4 +1,4 @@
-"""Checkpoints: what a damaged one says, and that a kill leaves the old one or the new one."""
+"""Checkpoints: which ones are refused, and that writing them is atomic."""
 
 import json
 import math
@@ -144,7 +144,7 @@ def test_an_unknown_field_is_named(checkpoint):
         PACNet.from_pretrained(checkpoint)
 
 
-def test_an_edited_config_counts_and_is_said_to_be_one(checkpoint):
+def test_an_edited_config_is_used_with_a_warning(checkpoint):
     config = json.loads((checkpoint / "config.json").read_text())["config"]
     config["attention"]["novelty_threshold"] = 0.25
     rewrite_config(checkpoint, config=config)
@@ -181,13 +181,13 @@ def test_what_is_not_finite_is_neither_saved_nor_loaded(tmp_path):
         load_checkpoint(tmp_path, "Model")
 
 
-def test_no_checkpoint_is_said_so(tmp_path):
+def test_a_folder_without_a_checkpoint_is_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"expected a checkpoint folder.*nowhere"):
         PACNet.from_pretrained(tmp_path / "nowhere")
 
 
 @pytest.mark.parametrize("step", ["config.json.new", "model.safetensors.new", "model", "config"])
-def test_a_stop_after_each_step_of_writing_leaves_old_or_new(checkpoint, monkeypatch, step):
+def test_stopping_while_writing_leaves_the_old_or_the_new_checkpoint(checkpoint, monkeypatch, step):
     """Stops the writer at every point at which a kill could leave another state on disk."""
     calls = {"config.json.new": 1, "model.safetensors.new": 2}
 
@@ -220,7 +220,7 @@ def test_a_stop_after_each_step_of_writing_leaves_old_or_new(checkpoint, monkeyp
     assert loaded.config.schemas.recall_by == ("order" if new else "cue")
 
 
-def write_for_ever(sources: Sequence[Path], folder: Path, ready: Connection) -> None:
+def write_forever(sources: Sequence[Path], folder: Path, ready: Connection) -> None:
     """Write one network over the other, until killed."""
     networks = [PACNet.from_pretrained(source) for source in sources]
     networks[0].save_pretrained(folder)
@@ -252,7 +252,7 @@ def test_sigkill_at_random_instants_leaves_the_old_or_the_new_checkpoint(forks, 
     folder = tmp_path / "net"  # one for all, so that each writer starts on what the last one left
     for _ in range(50):
         pipe, ready = forks.Pipe(duplex=False)
-        writer = forks.Process(target=write_for_ever, args=(sources, folder, ready))
+        writer = forks.Process(target=write_forever, args=(sources, folder, ready))
         writer.start()
         ready.close()  # so that a writer that fails is an error here, and not waited for
         assert pipe.recv()
@@ -288,12 +288,12 @@ def test_any_other_version_is_refused(checkpoint, version):
         PACNet.from_pretrained(checkpoint)
 
 
-def test_folders_are_made_on_the_way(tmp_path):
+def test_missing_folders_are_made(tmp_path):
     make_network(1.0).save_pretrained(tmp_path / "one" / "two")
     assert len(PACNet.from_pretrained(tmp_path / "one" / "two").sofm) == 1
 
 
-def test_tensors_without_a_config_are_said_so(checkpoint):
+def test_tensors_without_a_config_are_refused(checkpoint):
     (checkpoint / "config.json").unlink()
     with pytest.raises(FileNotFoundError, match=r"expected config\.json beside model\.safetensors"):
         PACNet.from_pretrained(checkpoint)
@@ -305,7 +305,7 @@ def test_a_config_that_is_no_object_is_refused(checkpoint):
         PACNet.from_pretrained(checkpoint)
 
 
-def test_tensors_are_stored_in_their_own_order_however_they_lie_in_memory(tmp_path):
+def test_transposed_tensors_come_back_as_they_were(tmp_path):
     matrix = torch.arange(6.0).reshape(2, 3).T
     write_checkpoint(tmp_path, {}, {"matrix": matrix})
     assert torch.equal(read_checkpoint(tmp_path)[1]["matrix"], matrix)

@@ -1,4 +1,4 @@
-"""Rows that grow: what is alive, what a state_dict holds, and what deleting does."""
+"""Rows that grow: their memory, what a state_dict holds, and what deleting does."""
 
 import pytest
 import torch
@@ -22,12 +22,12 @@ def test_append_returns_dense_numbers_and_keeps_values_across_growth():
     assert rows.live("point")[:, 0].tolist() == list(range(100))
 
 
-def test_rows_seldom_move_as_they_grow():
+def test_memory_is_rarely_replaced_while_rows_are_appended():
     rows, places = make_rows(0), set()
     for number in range(1000):
         rows.append({"point": torch.zeros(2), "number": number})
         places.add((rows.live("point").data_ptr(), rows.live("number").data_ptr()))
-    assert len(places) <= 4  # room for 128, 256, 512, 1024
+    assert len(places) <= 4  # a capacity of at least 128, 256, 512, 1024
     assert rows.live("number").tolist() == list(range(1000))
 
 
@@ -58,7 +58,7 @@ def test_a_view_taken_before_keeps_its_rows(change: str, count: int):
     assert view.tolist() == list(range(count))
 
 
-def test_rows_that_are_swapped_out_leave_their_places_to_the_last():
+def test_swap_remove_fills_the_gaps_with_the_last_rows():
     rows = make_rows(6)
     rows.swap_remove(torch.tensor([1, 4]))  # 5 takes the place of 4, and then that of 1
     assert rows.live("number").tolist() == [0, 5, 2, 3]
@@ -66,7 +66,7 @@ def test_rows_that_are_swapped_out_leave_their_places_to_the_last():
 
 
 @pytest.mark.parametrize("rows_now", [0, 3])
-def test_arrays_share_their_memory_with_the_rows_and_have_room(rows_now: int):
+def test_arrays_are_the_memory_of_the_rows_with_capacity_for_more(rows_now: int):
     rows = make_rows(rows_now)
     arrays = rows.arrays(2)
     assert len(rows) == rows_now
@@ -79,7 +79,30 @@ def test_arrays_share_their_memory_with_the_rows_and_have_room(rows_now: int):
     assert arrays["number"][0] == 8
 
 
-def test_columns_that_contradict_one_another_are_refused_before_they_are_relied_on():
+@pytest.mark.parametrize("count", [0, 1, 128, 300])
+def test_a_transposed_column_holds_one_dimension_after_the_other(count: int):
+    rows = GrowableRows({"point": Column((3,), torch.float32, transposed=True)})
+    for number in range(count):
+        rows.append({"point": torch.arange(3.0) + 10 * number})
+    for change in (lambda: None, lambda: rows.delete(torch.tensor([0])), lambda: rows.extend(200)):
+        if count:
+            change()
+        array, length = rows.transposed("point")
+        assert array.flags.c_contiguous
+        assert length == len(rows)
+        assert array[:, :length].T.tolist() == rows.live("point").tolist()
+        if len(rows):
+            assert array.ctypes.data == rows.live("point").data_ptr()
+    memory = rows.arrays(1)["point"]
+    assert memory.flags.c_contiguous
+    assert memory.shape[0] == 3
+    assert memory.shape[1] > len(rows)
+    rows.point = rows.live("point").clone(memory_format=torch.contiguous_format)
+    array, length = rows.transposed("point")  # of another tensor, a copy
+    assert array.T.tolist() == rows.live("point").tolist()
+
+
+def test_check_refuses_columns_that_do_not_fit_one_another():
     shorter, wide, gone, double = (make_rows(5) for _ in range(4))
     shorter.number = shorter.number[:3]
     with pytest.raises(ValueError, match=r"expected number of shape \[5\].*got \[3\]"):
@@ -154,7 +177,7 @@ def test_loading_takes_any_number_of_rows_and_does_not_alias():
 
 
 @pytest.mark.parametrize("before", [0, 1, 100])
-def test_there_is_room_for_any_number_of_rows(before: int):
+def test_extend_appends_any_number_of_rows_of_zeros(before: int):
     for count in range(1, 200):
         rows = make_rows(before)
         kept = {name: rows.live(name).clone() for name in rows.columns}
