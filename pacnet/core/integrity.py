@@ -67,11 +67,20 @@ def check_structure(module: nn.Module, tensors: Tensors) -> None:
     }
     others = (*children, f"{_FORWARD_MODEL}.")
     own = {name: tensor for name, tensor in tensors.items() if not name.startswith(others)}
-    specs, kind = dict(_specs(module)), type(module).__name__
+    kind = type(module).__name__
+    _check_own(kind, dict(_specs(module)), own)
+    for prefix, child in children.items():
+        child.check_state(part_of(tensors, prefix))
+    floats = (t.dtype for n, t in tensors.items() if _FORWARD_MODEL not in n.split("."))
+    if len({dtype for dtype in floats if dtype.is_floating_point}) > 1:
+        raise ValueError(f"expected floating-point tensors of one type in {kind}, got several")
+
+
+def _check_own(kind: str, specs: Mapping[str, _Spec], tensors: Tensors) -> None:
+    check_names(kind, specs, tensors)
     lengths: dict[str, int] = {}  # of each group
-    check_names(kind, specs, own)
     for name, spec in specs.items():
-        tensor = own[name]
+        tensor = tensors[name]
         if not spec.fits(tensor, lengths.get(spec.group)):
             rows = [lengths.get(spec.group, "rows")] if spec.group else []
             got = f"{tensor.dtype} {list(tensor.shape)}" if isinstance(tensor, Tensor) else tensor
@@ -82,11 +91,6 @@ def check_structure(module: nn.Module, tensors: Tensors) -> None:
         check_storage(name, tensor)
         if spec.group:
             lengths[spec.group] = len(tensor)
-    for prefix, child in children.items():
-        child.check_state(part_of(tensors, prefix))
-    floats = (t.dtype for n, t in tensors.items() if _FORWARD_MODEL not in n.split("."))
-    if len({dtype for dtype in floats if dtype.is_floating_point}) > 1:
-        raise ValueError(f"expected floating-point tensors of one type in {kind}, got several")
 
 
 def _is_dense(value: object) -> TypeGuard[Tensor]:
