@@ -105,7 +105,7 @@ def test_columns_of_unequal_length_are_named(checkpoint):
 
 def test_fewer_schemas_than_nodes_are_refused(checkpoint):
     def drop(tensors):
-        for name in ("start", "length", "room", "episode"):
+        for name in ("start", "length", "capacity", "episode"):
             tensors[f"schemas.blocks.{name}"] = torch.zeros(0, dtype=torch.int64)
         for name in ("target", "cue"):
             tensors[f"schemas.pool.{name}"] = tensors[f"schemas.pool.{name}"][:0].clone()
@@ -237,7 +237,7 @@ def make_large_network(value: float, recall_by: str) -> PACNet:
     for name in ("target", "cue"):
         network.schemas.pool.live(name)[:] = value
     network.schemas.blocks.live("start")[0] = 0
-    for name in ("length", "room"):
+    for name in ("length", "capacity"):
         network.schemas.blocks.live(name)[0] = len(network.schemas.pool)
     return network
 
@@ -350,7 +350,7 @@ CONTRADICTIONS = {
     "schemas.pool.cue": (math.inf, r"finite schemas\.pool\.cue"),
     "schemas.blocks.start": (10**6, "laid end to end"),
     "schemas.blocks.length": (-1, "lengths of sequences"),
-    "schemas.blocks.room": (0, "room for each"),
+    "schemas.blocks.capacity": (0, "blocks as long as their sequences"),
 }
 
 
@@ -407,7 +407,7 @@ def test_a_contradictory_network_never_replaces_a_good_checkpoint(checkpoint):
 
 
 def make_competing() -> PACNet:
-    """Two nodes; two episodes that pass both, a third in progress: four schemas, six passes."""
+    """Two nodes; two episodes that pass both, a third in progress: four schemas, six visits."""
     network = PACNet(PACNetConfig(SOFMConfig.paper(2), CompetingSchemasConfig(1, 2)))
     for node in (0.0, 9.0):  # they habituate
         network.observe(torch.full((11, 2), node), torch.zeros(11, 1), episode=0, behaviour="tea")
@@ -453,28 +453,28 @@ DAMAGES = [
     ("schemas.blocks.node", -1, 2, "schemas of nodes that exist"),
     ("schemas.nodes", 0, 3, "motor schemas for each node, got 3 for 2 nodes"),
     ("schemas.blocks.typical_length", 0, math.nan, r"finite schemas\.blocks\.typical_length"),
-    ("schemas.blocks.typical_length", 0, 0, "positive lengths of what is supported"),
+    ("schemas.blocks.typical_length", 0, 0, "a typical length > 0 of what has support"),
     ("schemas.blocks.fit", -1, math.inf, r"finite schemas\.blocks\.fit"),
     ("schemas.blocks.continuation", -1, math.nan, r"finite schemas\.blocks\.continuation"),
-    ("schemas.blocks.support", 0, 3, "a pass for each support"),
-    ("schemas.blocks.support", 0, -1, "a pass for each support"),
+    ("schemas.blocks.support", 0, 3, "a visit for each support"),
+    ("schemas.blocks.support", 0, -1, "support ≥ 0"),
     ("schemas.episodes.last_cue", 0, -1e20, "finite last cues, not too large"),
     ("schemas.episodes.behaviour", 0, -1, "behaviours that have a name"),
     ("schemas.episodes.behaviour", -1, 2, "behaviours that have a name"),
     ("schemas.episodes.number", 0, 1, "ascending numbers of episodes"),
-    ("schemas.visits.episode", 0, -1, "passes of episodes that exist"),
-    ("schemas.visits.episode", -1, 4, "passes of episodes that exist"),
-    ("schemas.visits.schema", 0, -1, "(passes through schemas that exist|a pass for each)"),
-    ("schemas.visits.schema", -1, 4, "(passes through schemas that exist|a pass for each)"),
-    ("schemas.visits.first", 0, -1, "passes within their episodes"),
-    ("schemas.visits.first", 0, 4, "passes within their episodes"),
-    ("schemas.visits.last", -1, 8, "passes within their episodes"),
-    ("schemas.episodes.samples", -1, 7, "passes within their episodes"),
+    ("schemas.visits.episode", 0, -1, "visits of episodes that exist"),
+    ("schemas.visits.episode", -1, 4, "visits of episodes that exist"),
+    ("schemas.visits.schema", 0, -1, "visits of schemas that exist"),
+    ("schemas.visits.schema", -1, 4, "visits of schemas that exist"),
+    ("schemas.visits.first", 0, -1, "visits within their episodes"),
+    ("schemas.visits.first", 0, 4, "visits within their episodes"),
+    ("schemas.visits.last", -1, 8, "visits within their episodes"),
+    ("schemas.episodes.samples", -1, 7, "visits within their episodes"),
     ("schemas.pool.cue", 0, 1e20, "finite cues, not too large"),
     ("schemas.blocks.shown_in", 0, -1, "sequences of episodes that exist"),
     ("schemas.blocks.shown_in", -1, 4, "sequences of episodes that exist"),
-    ("schemas.blocks.shown_in", -1, 0, "a pass in which each sequence was shown"),
-    ("schemas.pool.frame", 0, 7, "a pass in which each sequence was shown"),
+    ("schemas.blocks.shown_in", -1, 0, "a visit in which each sequence was shown"),
+    ("schemas.pool.frame", 0, 7, "a visit in which each sequence was shown"),
     ("schemas.pool.frame", 1, -1, "frames of their episodes"),
     ("schemas.pool.frame", 1, 8, "frames of their episodes"),
     ("schemas.episodes.samples", 0, -1, "episodes of so many samples"),
@@ -496,7 +496,7 @@ def test_a_schema_without_a_target_is_refused(tmp_path):
     make_competing().save_pretrained(tmp_path)
 
     def empty(tensors):
-        for column in ("length", "room"):
+        for column in ("length", "capacity"):
             tensors[f"schemas.blocks.{column}"][-1] = 0
         for column in ("target", "cue", "frame"):
             tensors[f"schemas.pool.{column}"] = tensors[f"schemas.pool.{column}"][:-4].clone()
@@ -526,7 +526,7 @@ def test_the_names_may_not_be_missing(tmp_path):
 def test_a_contradiction_between_competing_schemas_is_not_saved(tmp_path):
     network = make_competing()
     network.schemas.visits.live("last")[0] = 99
-    with pytest.raises(ValueError, match="passes within their episodes"):
+    with pytest.raises(ValueError, match="visits within their episodes"):
         network.save_pretrained(tmp_path / "net")
     assert not (tmp_path / "net").exists()
 
@@ -535,7 +535,7 @@ def test_the_config_of_one_kind_does_not_read_the_tensors_of_the_other(tmp_path,
     make_competing().save_pretrained(tmp_path / "competing")
     config, _ = read_checkpoint(checkpoint)
     write_checkpoint(tmp_path / "competing", config, read_checkpoint(tmp_path / "competing")[1])
-    with pytest.raises(ValueError, match=r"got \['blocks\.episode'\] missing.*passes"):
+    with pytest.raises(ValueError, match=r"got \['blocks\.episode'\] missing.*visits"):
         PACNet.from_pretrained(tmp_path / "competing")
 
 
