@@ -1,6 +1,7 @@
-"""`PACNet` around somebody's dataset: automatic settings, scaling, novelty."""
+"""`PACNet` for a LeRobot dataset: automatic settings, scaling, novelty."""
 
 from pacnet.imitator.config import ImitatorConfig
-from pacnet.imitator.imitator import Imitator, ImitatorStep
+from pacnet.imitator.imitator import Imitator
+from pacnet.imitator.records import EpisodeReport, ImitatorStep
 
-__all__ = ["Imitator", "ImitatorConfig", "ImitatorStep"]
+__all__ = ["EpisodeReport", "Imitator", "ImitatorConfig", "ImitatorStep"]

@@ -1,13 +1,12 @@
-"""Settings of an imitator that nobody has tuned, chosen from the demonstrations it is to learn.
+"""Settings of an imitator, chosen from the demonstrations it is to learn.
 
-The thresholds are those of Experiment 1, whose percepts have about the spread, in scaled units,
-that `noise_scaling` gives to any; what counts samples there is taken as time, for other rates.
+The thresholds are those of Experiment 1. They fit other percepts because `noise_scaling` gives all
+percepts about the same spread; what was a number of samples there is a time here.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Literal
 
 import torch
@@ -17,7 +16,7 @@ from pacnet.attention.config import SOFMConfig
 from pacnet.competition.belief import RecognitionConfig
 from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.core.validation import is_integer
-from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.forward_models.kmeans import kmeans
 from pacnet.forward_models.mlp import MLPForwardModelConfig
 from pacnet.imitator.config import ImitatorConfig
@@ -25,52 +24,21 @@ from pacnet.imitator.scaling import noise_scaling
 from pacnet.network.config import PACNetConfig
 
 NOVELTY_THRESHOLD = 0.55  # activation
-RADIUS = 2.0  # of a node, at least, in lengths of the noise of a percept
-SETTLING = 0.1  # [s] τ of a winner: three times as long and it is fully habituated
-SEEN_AFTER = 0.5  # [s] after a schema's end, in which is seen what came after it
-ALIKE, UNUSUAL = 3.0, 3.0  # lengths of the noise of a percept: of one schema, not novel
-LEAST_ALIKE, LEAST_UNUSUAL = 0.15, 0.21  # the same in scaled units, for percepts without noise
-CANDIDATES = 32  # actions that a forward model chooses from, at most
-INDIFFERENT = 0.1  # spread of their outcomes, in shares of the usual change, that is no choice
+MIN_RADIUS = 2.0  # of a node, in lengths of the noise of a percept
+WINNER_TAU = 0.1  # [s] a winner is fully habituated after three times as long
+LOOKAHEAD = 0.5  # [s] after a schema, from which its continuation is learned
+SAME_SCHEMA, NOVEL = 3.0, 3.0  # distances in lengths of the noise of a percept
+MIN_SAME_SCHEMA, MIN_NOVEL = 0.15, 0.21  # lower bounds in scaled units, for percepts without noise
+MAX_CANDIDATES = 32  # actions that a forward model chooses from
+MIN_SPREAD = 0.1  # of the candidates' outcomes, in shares of the mean change; below it abstains
 
 
 def choose_settings(
     demonstrations: Demonstrations, targets: Literal["action", "state"], lead: int
 ) -> ImitatorConfig:
-    """Settings for these demonstrations; see `Imitator.from_demonstrations`."""
-    _check(demonstrations, targets, lead)
-    scaling = noise_scaling([shown.percepts for shown in demonstrations])
-    fps, dimensions = demonstrations.fps, len(scaling.scale)
-    attention = SOFMConfig.paper(
-        dimensions,
-        scale=scaling.scale,
-        novelty_threshold=min(NOVELTY_THRESHOLD, math.exp(-RADIUS * scaling.noise)),
-        winner_tau=max(1.0, SETTLING * fps),
-    )
+    """Return settings for these demonstrations; see `Imitator.from_demonstrations`."""
     percepts, action = demonstrations.percept_features, demonstrations.action_names
-    state = next(iter(percepts.values()))
-    unusual = max(LEAST_UNUSUAL, UNUSUAL * scaling.noise)
-    schemas = CompetingSchemasConfig(
-        len(action) if targets == "action" else len(state),
-        dimensions,
-        same_schema_similarity=math.exp(-max(LEAST_ALIKE, ALIKE * scaling.noise)),
-        lookahead_samples=max(1, round(SEEN_AFTER * fps)),
-        recognition=RecognitionConfig(novel_above=1 - math.exp(-unusual)),
-    )
-    return ImitatorConfig(
-        percepts=percepts,
-        action=action,
-        fps=fps,
-        targets=targets,
-        lead=lead,
-        network=PACNetConfig(attention, schemas),
-        forward_model=_forward_model(demonstrations.episodes, lead) if targets == "state" else None,
-    )
-
-
-def _check(demonstrations: Demonstrations, targets: str, lead: int) -> None:
-    """Refuses what no settings suit."""
-    if not demonstrations.percept_features:
+    if not percepts:
         raise ValueError(
             f"expected percepts and actions of different features, got {demonstrations.action!r} "
             "for both"
@@ -81,31 +49,56 @@ def _check(demonstrations: Demonstrations, targets: str, lead: int) -> None:
             f"expected lead as a number of frames from 1 to {longest - 1}, less than the longest "
             f"demonstration has, got {lead!r}"
         )
-
-
-def _forward_model(episodes: Sequence[Demonstration], lead: int) -> MLPForwardModelConfig:
-    """A forward model that chooses among the kinds of actions that were shown."""
-    actions = torch.cat([shown.action for shown in episodes])
-    change = torch.cat([shown.state[lead:] - shown.state[:-lead] for shown in episodes])
-    usual = change.double().square().mean().sqrt()
-    return MLPForwardModelConfig(
-        state_dimensions=change.shape[1],
-        action_dimensions=actions.shape[1],
-        candidates=_kinds(actions),
-        steps=lead,
-        abstain_below=INDIFFERENT * float(usual) if len(change) else 0.0,
+    scaling = noise_scaling([shown.percepts for shown in demonstrations])
+    fps, dimensions = demonstrations.fps, len(scaling.scale)
+    attention = SOFMConfig.paper(
+        dimensions,
+        scale=scaling.scale,
+        novelty_threshold=min(NOVELTY_THRESHOLD, math.exp(-MIN_RADIUS * scaling.noise)),
+        winner_tau=max(1.0, WINNER_TAU * fps),
+    )
+    novel = max(MIN_NOVEL, NOVEL * scaling.noise)
+    schemas = CompetingSchemasConfig(
+        len(action) if targets == "action" else len(next(iter(percepts.values()))),
+        dimensions,
+        same_schema_similarity=math.exp(-max(MIN_SAME_SCHEMA, SAME_SCHEMA * scaling.noise)),
+        lookahead_samples=max(1, round(LOOKAHEAD * fps)),
+        recognition=RecognitionConfig(novel_above=1 - math.exp(-novel)),
+    )
+    return ImitatorConfig(
+        percepts=percepts,
+        action=action,
+        fps=fps,
+        targets=targets,
+        lead=lead,
+        network=PACNetConfig(attention, schemas),
+        forward_model=_forward_model(demonstrations, lead) if targets == "state" else None,
     )
 
 
-def _kinds(actions: Tensor) -> tuple[tuple[float, ...], ...]:
-    """Actions `[T, U]` as a few that stand for all of them."""
-    different = actions.double().unique(dim=0)
+def _forward_model(demonstrations: Demonstrations, lead: int) -> MLPForwardModelConfig:
+    """Return settings of a forward model that chooses among the demonstrated actions."""
+    actions = torch.cat([shown.action for shown in demonstrations])
+    change = torch.cat([shown.state[lead:] - shown.state[:-lead] for shown in demonstrations])
+    mean_change = change.double().square().mean().sqrt()
+    return MLPForwardModelConfig(
+        state_dimensions=change.shape[1],
+        action_dimensions=actions.shape[1],
+        candidates=_candidates(actions.double()),
+        steps=lead,
+        abstain_below=MIN_SPREAD * float(mean_change) if len(change) else 0.0,
+    )
+
+
+def _candidates(actions: Tensor) -> tuple[tuple[float, ...], ...]:
+    """Return a few actions that represent all actions `[T, U]`."""
+    different = actions.unique(dim=0)
     if len(different) < 2:
         raise ValueError(
             f"expected actions that differ, for a forward model to choose from, got "
             f"{different.tolist()} in every frame"
         )
-    if len(different) > CANDIDATES:
+    if len(different) > MAX_CANDIDATES:
         generator = torch.Generator().manual_seed(0)
-        different, _ = kmeans(actions.double(), CANDIDATES, generator)
+        different, _ = kmeans(actions, MAX_CANDIDATES, generator)
     return tuple(tuple(action) for action in different.tolist())

@@ -1,4 +1,4 @@
-"""What an imitator perceives and does, by name, and the settings of its parts."""
+"""Settings of an imitator: its features by name, and the settings of its parts."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
+from pacnet.core.old_names import with_new_names
 from pacnet.core.validation import check_fields, is_integer, is_number
 from pacnet.datasets.demonstrations import dimension_names
 from pacnet.forward_models.mlp import MLPForwardModelConfig
@@ -15,18 +16,18 @@ from pacnet.network.config import PACNetConfig
 
 @dataclass(frozen=True)
 class ImitatorConfig:
-    """Settings of an `Imitator`; `Imitator.from_demonstrations` makes them from demonstrations.
+    """Settings of an `Imitator`; `Imitator.from_demonstrations` chooses them from data.
 
     Attributes:
         percepts: feature -> names of its dimensions, in the order of the percept; the first
             feature is the robot's state.
         action: names of the action's dimensions.
         fps: frames per second of the demonstrations [1/s].
-        targets: what motor schemas keep: the demonstrated `action`, or the `state` that followed
-            `lead` frames later, to which a forward model finds the way.
+        targets: what motor schemas store: the demonstrated `action`, or the `state` `lead` frames
+            later, to which a forward model finds the action.
         lead: frames that a `state` lies ahead, ≥ 1.
-        network: of the map and the schemas; the map's scale is the normaliser of percepts.
-        forward_model: for targets that are states.
+        network: of the map and the schemas; the map's scale normalizes percepts.
+        forward_model: None if targets are actions.
     """
 
     percepts: Mapping[str, tuple[str, ...]]
@@ -38,20 +39,23 @@ class ImitatorConfig:
     forward_model: MLPForwardModelConfig | None = None
 
     def __post_init__(self) -> None:
-        """Turns sequences (JSON reads lists) into tuples and refuses what does not fit together."""
+        """Turn the lists that JSON reads into tuples, and check the fields."""
         percepts = {feature: tuple(names) for feature, names in self.percepts.items()}
         object.__setattr__(self, "percepts", percepts)
         object.__setattr__(self, "action", tuple(self.action))
-        wants_model, has_model = self.targets == "state", self.forward_model is not None
+        needs_model = self.targets == "state"
         dimensions = self.network.attention.dimensions
         state = next(iter(percepts.values()), ())
-        length = len(state if wants_model else self.action)
+        length = len(state if needs_model else self.action)
         checks = {
             "percepts": (len(self.percept_names) == dimensions, f"of {dimensions} dimensions"),
             "fps": (is_number(self.fps) and self.fps > 0, "> 0"),
             "targets": (self.targets in ("action", "state"), '"action" or "state"'),
             "lead": (is_integer(self.lead, 1), "≥ 1"),
-            "forward_model": (wants_model == has_model, "where targets are states, and only there"),
+            "forward_model": (
+                needs_model == (self.forward_model is not None),
+                "where targets are states, and only there",
+            ),
             "network": (
                 self.network.schemas.target_dimensions == length,
                 f"with {length} target dimensions",
@@ -61,17 +65,17 @@ class ImitatorConfig:
 
     @property
     def state_dimensions(self) -> int:
-        """Length S of the robot's state, the beginning of a percept."""
+        """Length S of the robot's state, with which a percept begins."""
         return len(next(iter(self.percepts.values())))
 
-    @cached_property  # asked for at every step of a control loop
+    @cached_property  # needed at every step of a control loop
     def percept_names(self) -> tuple[str, ...]:
         """Names of a percept's D dimensions."""
         return dimension_names(self.percepts)
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> ImitatorConfig:
-        """Rebuilds what `dataclasses.asdict` gave, after JSON.
+        """Return the config that `dataclasses.asdict` turned into these fields, after JSON.
 
         Raises:
             ValueError: a field is missing, unknown or out of range.
@@ -79,7 +83,8 @@ class ImitatorConfig:
         try:
             network = PACNetConfig.from_dict(fields["network"])
             model = fields["forward_model"]
-            model = None if model is None else MLPForwardModelConfig(**model)
+            if model is not None:
+                model = MLPForwardModelConfig(**with_new_names(MLPForwardModelConfig, model))
             return cls(**{**fields, "network": network, "forward_model": model})
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(f"expected the fields of ImitatorConfig, got {error!r}") from error

@@ -1,4 +1,4 @@
-"""Claims about the imitator: settings from the data, names, lessons, going on, holding back."""
+"""The imitator: settings from the data, names, reports, learning more, not acting when novel."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ import torch
 from torch import Tensor
 
 from pacnet import CompetingSchemas
+from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
-from pacnet.imitator.imitator import EpisodeReport, Imitator
+from pacnet.imitator import EpisodeReport, Imitator
 from pacnet.schemas.targets import targets_ahead
 
 FPS = 50
@@ -62,7 +63,7 @@ def follow(imitator: Imitator, percepts: Tensor) -> list:
     return [imitator.step(percept) for percept in percepts]
 
 
-def test_it_does_what_was_shown_where_it_was_shown(taught: Imitator):
+def test_it_repeats_the_demonstrated_actions(taught: Imitator):
     new = reach(100)
     steps = follow(taught, new.percepts)
     assert not any(step.is_novel for step in steps)
@@ -73,14 +74,14 @@ def test_it_does_what_was_shown_where_it_was_shown(taught: Imitator):
     assert max(wrong) < 0.2
 
 
-def test_it_does_nothing_where_the_percept_is_new_and_says_what_is(taught: Imitator):
+def test_a_novel_percept_gets_no_action_and_the_step_names_the_dimension(taught: Imitator):
     steps = follow(taught, reach(100, glass=0.15).percepts)[10:]
     assert all(step.action is None and step.is_novel for step in steps)
     assert {step.dimension for step in steps} == {"glass.x"}
     assert all(step.novelty > 1 for step in steps)
 
 
-def test_a_correction_makes_the_new_place_known_and_forgets_nothing(taught: Imitator):
+def test_after_a_correction_the_new_place_and_the_old_one_are_known(taught: Imitator):
     imitator = deepcopy(taught)
     imitator.learn(shown(*(reach(seed, glass=0.15) for seed in (50, 51)), source="corrections"))
     for glass in (0.0, 0.15):
@@ -90,32 +91,32 @@ def test_a_correction_makes_the_new_place_known_and_forgets_nothing(taught: Imit
     assert all(step.is_novel for step in between)
 
 
-def test_corrections_widen_nothing_though_they_are_more_than_the_demonstrations():
+def test_corrections_leave_thresholds_alone_even_if_they_outnumber_the_demonstrations():
     imitator = Imitator.from_demonstrations(shown(reach(0)))
     imitator.learn(shown(reach(0)))
-    tolerance = imitator.familiarity.tolerance
+    thresholds = imitator.novelty_detector.thresholds
     for number, glass in enumerate((0.15, 0.3, 0.45)):
-        (lesson,) = imitator.learn(shown(reach(50 + number, glass)), corrections=True)
-        assert lesson.unfamiliar > 1
-    assert np.array_equal(imitator.familiarity.tolerance, tolerance)
+        (report,) = imitator.learn(shown(reach(50 + number, glass)), corrections=True)
+        assert report.max_novelty > 1
+    assert np.array_equal(imitator.novelty_detector.thresholds, thresholds)
     assert torch.equal(imitator.first_action, reach(0).action[0])
-    assert [lesson.correction for lesson in imitator.lessons] == [False, True, True, True]
+    assert [report.correction for report in imitator.reports] == [False, True, True, True]
     assert not any(step.is_novel for step in follow(imitator, reach(100, glass=0.3).percepts))
     assert all(step.is_novel for step in follow(imitator, reach(100, glass=-0.15).percepts)[10:])
 
 
-def test_lessons_tell_what_was_learned(demonstrations: Demonstrations):
+def test_reports_say_what_was_learned(demonstrations: Demonstrations):
     imitator = Imitator.from_demonstrations(demonstrations)
     first = imitator.learn(demonstrations)
     later = imitator.learn(shown(reach(7, glass=0.5, task="reach far"), source="later"))
-    assert imitator.lessons == first + later
-    assert [lesson.episode for lesson in imitator.lessons] == [0, 1, 2, 3, 7]
+    assert imitator.reports == first + later
+    assert [report.episode for report in imitator.reports] == [0, 1, 2, 3, 7]
     assert later[0].dataset == "later"
     assert later[0].task == "reach far"
     assert later[0].frames == FRAMES
-    assert first[0].unfamiliar is None
-    assert later[0].unfamiliar > 1
-    assert sum(lesson.new_nodes for lesson in imitator.lessons) == len(imitator.network.sofm)
+    assert first[0].max_novelty is None
+    assert later[0].max_novelty > 1
+    assert sum(report.new_nodes for report in imitator.reports) == len(imitator.network.sofm)
     assert later[0].nodes == len(imitator.network.sofm)
     assert imitator.network.behaviours == ("reach", "reach far")
 
@@ -135,13 +136,13 @@ def test_the_scale_stays_what_it_was(taught: Imitator):
     assert torch.equal(imitator.network.sofm.scale, before)
 
 
-def test_progress_is_told_in_frames(demonstrations: Demonstrations):
-    told = []
-    Imitator.from_demonstrations(demonstrations).learn(demonstrations, told.append)
-    assert sum(told) == 4 * FRAMES
+def test_progress_is_reported_in_frames(demonstrations: Demonstrations):
+    frames = []
+    Imitator.from_demonstrations(demonstrations).learn(demonstrations, frames.append)
+    assert sum(frames) == 4 * FRAMES
 
 
-def test_the_first_action_is_the_mean_of_the_first_ones(taught: Imitator):
+def test_the_first_action_is_the_mean_over_the_demonstrations(taught: Imitator):
     assert torch.allclose(taught.first_action, reach(0).action[0])
     imitator = deepcopy(taught)
     other = reach(5)
@@ -149,7 +150,7 @@ def test_the_first_action_is_the_mean_of_the_first_ones(taught: Imitator):
     assert torch.allclose(imitator.first_action, reach(0).action[0] + 1.0)
 
 
-def test_warmed_up_it_does_the_same_as_new(taught: Imitator):
+def test_warming_up_changes_no_step(taught: Imitator):
     warm, cold = deepcopy(taught), deepcopy(taught)
     percepts = reach(100).percepts
     follow(warm, percepts[:30])
@@ -162,11 +163,11 @@ def test_warmed_up_it_does_the_same_as_new(taught: Imitator):
         assert np.array_equal(one.action, other.action)
 
 
-def test_saved_and_loaded_it_is_the_same(taught: Imitator, tmp_path: Path):
+def test_a_loaded_imitator_acts_and_learns_like_the_saved_one(taught: Imitator, tmp_path: Path):
     taught.save_pretrained(tmp_path / "checkpoint")
     loaded = Imitator.from_pretrained(tmp_path / "checkpoint")
-    assert loaded.lessons == taught.lessons
-    assert isinstance(loaded.lessons[0], EpisodeReport)
+    assert loaded.reports == taught.reports
+    assert isinstance(loaded.reports[0], EpisodeReport)
     assert loaded.config == taught.config
     percepts = torch.cat([reach(100).percepts[:150], reach(101, glass=0.2).percepts[:20]])
     for ours, theirs in zip(follow(taught, percepts), follow(loaded, percepts), strict=True):
@@ -185,8 +186,6 @@ def test_other_checkpoints_are_refused(taught: Imitator, tmp_path: Path):
 
 
 def test_a_checkpoint_with_a_field_too_many_is_refused(taught: Imitator, tmp_path: Path):
-    from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
-
     taught.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
     write_checkpoint(tmp_path, {**fields, "speed": 3}, tensors)
@@ -195,14 +194,47 @@ def test_a_checkpoint_with_a_field_too_many_is_refused(taught: Imitator, tmp_pat
 
 
 def test_a_checkpoint_without_a_tensor_is_refused(taught: Imitator, tmp_path: Path):
-    from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
-
     taught.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
     del tensors["first_action"]
     write_checkpoint(tmp_path, fields, tensors)
     with pytest.raises(ValueError, match=r"expected the tensors of an Imitator.*first_action"):
         Imitator.from_pretrained(tmp_path)
+
+
+def test_a_checkpoint_of_version_0_1_loads_under_the_new_names(taught: Imitator, tmp_path: Path):
+    taught.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    lessons = fields.pop("reports")
+    for lesson in lessons:
+        lesson["unfamiliar"] = lesson.pop("max_novelty")
+    old = {}
+    for name, tensor in tensors.items():
+        name = name.replace("novelty_detector", "familiarity")
+        old[name.replace("typical_deviation", "usual")] = tensor
+    assert {"familiarity.usual", "familiarity.episodes.deviation"} < old.keys()
+    write_checkpoint(tmp_path, {**fields, "lessons": lessons}, old)
+    loaded = Imitator.from_pretrained(tmp_path)
+    assert loaded.reports == taught.reports
+    assert_same(loaded, taught)
+    percepts = reach(100, glass=0.1).percepts[:30]
+    np.testing.assert_equal(follow(loaded, percepts), follow(taught, percepts))
+    loaded.load_state_dict(old)
+    assert_same(loaded, taught)
+
+
+def test_old_names_still_work_with_a_warning(taught: Imitator):
+    step, report = follow(taught, reach(100).percepts[:1])[0], taught.reports[1]
+    old_names = {
+        "lessons": (taught, taught.reports),
+        "familiarity": (taught, taught.novelty_detector),
+        "usual": (taught.novelty_detector, taught.novelty_detector.typical_deviation),
+        "tolerated": (step, step.threshold),
+        "unfamiliar": (report, report.max_novelty),
+    }
+    for name, (owner, value) in old_names.items():
+        with pytest.deprecated_call(match=f"{name} is now"):
+            assert getattr(owner, name) is value
 
 
 def test_the_config_is_json(taught: Imitator, tmp_path: Path):
@@ -253,14 +285,14 @@ def test_before_anything_was_learned_nothing_is_done(demonstrations: Demonstrati
 def test_one_demonstration_is_enough_to_act_by(fps: int, frames: int):
     one, every = reach(0), FRAMES // frames
     state = one.state[::every]
-    ahead = targets_ahead(state, steps=5)  # where the arm was told to go: beyond the noise
+    ahead = targets_ahead(state, steps=5)  # the commanded position, farther away than the noise
     one = replace(one, state=state, environment_state=one.environment_state[::every], action=ahead)
     demonstrations = Demonstrations(fps, NAMES, (one,), "reaching")
     imitator = Imitator.from_demonstrations(demonstrations)
-    (lesson,) = imitator.learn(demonstrations)
-    assert int(imitator.network.schemas.lengths.sum()) > 0.95 * lesson.frames
+    (report,) = imitator.learn(demonstrations)
+    assert int(imitator.network.schemas.lengths.sum()) > 0.95 * report.frames
     at, way = one.state[0], []
-    for _ in range(2 * lesson.frames):
+    for _ in range(2 * report.frames):
         step = imitator.step(torch.cat([at, torch.zeros(1)]))
         at = at if step.action is None else torch.from_numpy(step.action)
         way.append(at)
@@ -269,34 +301,37 @@ def test_one_demonstration_is_enough_to_act_by(fps: int, frames: int):
         [torch.lerp(here, there, torch.arange(10)[:, None] / 10) for here, there in hops]
     )
     for part in (0.25, 0.5, 0.75):  # of the demonstration: the arm comes by there
-        there = one.state[int(part * lesson.frames)]
+        there = one.state[int(part * report.frames)]
         assert float((way - there).norm(dim=1).amin()) < 0.05
 
 
 def test_in_eval_mode_nothing_is_learned(taught: Imitator):
     imitator = deepcopy(taught).eval()
     assert imitator.learn(shown(reach(9))) == []
-    assert imitator.lessons == taught.lessons
+    assert imitator.reports == taught.reports
     assert_same(imitator, taught)
 
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda one: replace(one, state=one.state * torch.nan), "finite percepts in episode 8"),
-        (lambda one: replace(one, action=one.action / 0), "finite actions in episode 8"),
-        (lambda one: replace(one, action=one.action[:-1]), "got 299 for 300"),
+        (
+            lambda one: replace(one, state=one.state * torch.nan),
+            "episode 8: expected finite state",
+        ),
+        (lambda one: replace(one, action=one.action / 0), "episode 8: expected finite action"),
+        (lambda one: replace(one, action=one.action[:-1]), "got 299 actions, 300 states"),
     ],
 )
 def test_one_bad_demonstration_refuses_all(taught: Imitator, spoil, message: str):
     imitator = deepcopy(taught)
     with pytest.raises(ValueError, match=message):
         imitator.learn(shown(reach(7), spoil(reach(8))))
-    assert imitator.lessons == taught.lessons
+    assert imitator.reports == taught.reports
     assert_same(imitator, taught)
 
 
-def test_an_interrupt_leaves_whole_lessons(taught: Imitator):
+def test_an_interrupt_leaves_whole_episodes(taught: Imitator):
     def interrupt(_: int) -> None:
         raise KeyboardInterrupt
 
@@ -305,7 +340,7 @@ def test_an_interrupt_leaves_whole_lessons(taught: Imitator):
         interrupted.learn(shown(reach(7), reach(8)), interrupt)
     interrupted.learn(shown(reach(8)))
     expected.learn(shown(reach(7), reach(8)))
-    assert interrupted.lessons == expected.lessons
+    assert interrupted.reports == expected.reports
     assert_same(interrupted, expected)
 
 
@@ -326,7 +361,7 @@ def test_ctrl_c_waits_until_a_demonstration_is_learned(taught: Imitator, monkeyp
         signal.signal(signal.SIGINT, previous)
     monkeypatch.undo()
     expected.learn(shown(reach(7)))
-    assert interrupted.lessons == expected.lessons
+    assert interrupted.reports == expected.reports
     assert_same(interrupted, expected)
 
 
@@ -345,7 +380,7 @@ def test_an_error_while_a_demonstration_is_learned_leaves_those_before(
         failed.learn(shown(reach(7), reach(8, glass=0.3)), fail_from_now_on)
     monkeypatch.undo()
     expected.learn(shown(reach(7)))
-    assert failed.lessons == expected.lessons
+    assert failed.reports == expected.reports
     assert_same(failed, expected)
     for imitator in (failed, expected):
         imitator.learn(shown(reach(9)))
@@ -356,42 +391,38 @@ def test_an_error_while_a_demonstration_is_learned_leaves_those_before(
     "copied", [deepcopy, lambda imitator: pickle.loads(pickle.dumps(imitator))],
     ids=["deep copy", "pickle"],
 )  # fmt: skip
-def test_a_copy_goes_on_where_the_original_is_and_then_its_own_way(
+def test_a_copy_continues_the_recall_episode_and_is_independent(
     taught: Imitator, copied: Callable[[Imitator], Imitator]
 ):
     imitator, percepts = deepcopy(taught), reach(100).percepts
     follow(imitator, percepts[:100])
-    twin, other = copied(imitator), copied(imitator)
-    follow(twin, reach(101, glass=0.3).percepts)
-    twin.learn(shown(reach(9)))
+    changed, other = copied(imitator), copied(imitator)
+    follow(changed, reach(101, glass=0.3).percepts)
+    changed.learn(shown(reach(9)))
     expected = [imitator.step(percept) for percept in percepts[100:]]
     np.testing.assert_equal([other.step(percept) for percept in percepts[100:]], expected)
 
 
-@pytest.mark.parametrize("usual", [math.nan, -1.0, 0.0])
-def test_a_checkpoint_that_tolerates_nothing_sensible_is_refused(
-    taught: Imitator, usual: float, tmp_path: Path
+@pytest.mark.parametrize("deviation", [math.nan, -1.0, 0.0])
+def test_a_checkpoint_without_positive_typical_deviations_is_refused(
+    taught: Imitator, deviation: float, tmp_path: Path
 ):
-    from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
-
     taught.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
-    tensors["familiarity.usual"][0] = usual
+    tensors["novelty_detector.typical_deviation"][0] = deviation
     write_checkpoint(tmp_path, fields, tensors)
-    with pytest.raises(ValueError, match=r"finite familiarity.usual|usual dev"):
+    with pytest.raises(ValueError, match="typical_deviation"):
         Imitator.from_pretrained(tmp_path)
 
 
-@pytest.mark.parametrize("lessons", [None, "all", [{"dataset": "reaching"}], [], [3]])
-def test_a_checkpoint_with_other_lessons_is_refused(
-    taught: Imitator, lessons: object, tmp_path: Path
+@pytest.mark.parametrize("reports", [None, "all", [{"dataset": "reaching"}], [], [3]])
+def test_a_checkpoint_with_other_reports_is_refused(
+    taught: Imitator, reports: object, tmp_path: Path
 ):
-    from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
-
     taught.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
-    write_checkpoint(tmp_path, {**fields, "lessons": lessons}, tensors)
-    with pytest.raises(ValueError, match="lesson"):
+    write_checkpoint(tmp_path, {**fields, "reports": reports}, tensors)
+    with pytest.raises(ValueError, match="report"):
         Imitator.from_pretrained(tmp_path)
 
 
@@ -410,7 +441,7 @@ def test_percepts_and_actions_of_one_feature_are_refused(demonstrations: Demonst
         Imitator.from_demonstrations(same)
 
 
-def test_nodes_settle_in_time_not_in_frames():
+def test_habituation_takes_the_same_time_at_any_frame_rate():
     at = {}
     for fps in (10, 50):
         episodes = Demonstrations(fps, NAMES, (reach(0),), "reaching")

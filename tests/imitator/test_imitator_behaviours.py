@@ -1,4 +1,4 @@
-"""One imitator, taught one behaviour after the other, in the scene of both humanoids."""
+"""One imitator that learns three behaviours, one after the other, in the postural environment."""
 
 from pathlib import Path
 
@@ -14,14 +14,14 @@ TAUGHT = {"drink": 61, "toast": 1061, "move": 2061}  # behaviour -> seed of its 
 
 
 @pytest.mark.slow
-def test_what_was_learned_first_is_done_after_two_more_behaviours(tmp_path: Path):
-    """Nodes that came with the others are nearest to a sixth of what is seen of the first."""
+def test_the_first_behaviour_still_succeeds_after_two_more(tmp_path: Path):
+    """For a sixth of the first behaviour's percepts the nearest node came with another one."""
     for behaviour, seed in TAUGHT.items():
         record(tmp_path / behaviour, seed, 8, behaviour, behaviour)
-    lessons = [load_demonstrations(tmp_path / behaviour) for behaviour in TAUGHT]
-    imitator = Imitator.from_demonstrations(lessons[0])
-    for lesson in lessons:
-        imitator.learn(lesson)
+    datasets = [load_demonstrations(tmp_path / behaviour) for behaviour in TAUGHT]
+    imitator = Imitator.from_demonstrations(datasets[0])
+    for dataset in datasets:
+        imitator.learn(dataset)
     environment = make_environment(Condition())
     tried = [attempt(imitator, environment, Situation(56100 + i, USUAL)) for i in range(4)]
     assert all(one.needs_nobody for one in tried)

@@ -1,0 +1,75 @@
+"""What must hold of demonstrations before an imitator learns the first of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from pacnet.attention.sofm import HabituatingSOFM
+from pacnet.core.validation import check_bounded, check_index, check_rows
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.imitator.config import ImitatorConfig
+
+_LIKE = torch.empty(0)  # float32 on the CPU, as all of a demonstration's tensors must be
+
+
+def check_demonstrations(
+    demonstrations: object, config: ImitatorConfig, sofm: HabituatingSOFM
+) -> None:
+    """Check that demonstrations suit an imitator.
+
+    Raises:
+        ValueError: other features or another rate than the config's, or a demonstration that
+            cannot be learned.
+    """
+    if not isinstance(demonstrations, Demonstrations):
+        raise ValueError(f"expected Demonstrations, got {type(demonstrations).__name__}")
+    if not isinstance(demonstrations.source, str):
+        raise ValueError(f"expected their source as a str, got {demonstrations.source!r}")
+    wanted = {**config.percepts, "action": config.action}
+    got = {**demonstrations.percept_features, "action": demonstrations.action_names}
+    for name in wanted.keys() | got.keys():
+        if wanted.get(name) != got.get(name):
+            raise ValueError(
+                f"expected {name!r} with the dimensions {_listed(wanted.get(name))}, as learned "
+                f"before, got {_listed(got.get(name))}"
+            )
+    if demonstrations.fps != config.fps:
+        raise ValueError(
+            f"expected {config.fps} frames per second, as learned before, got {demonstrations.fps}"
+        )
+    for shown in demonstrations:
+        try:
+            _check_one(shown, config, sofm)
+        except ValueError as error:
+            raise ValueError(f"episode {shown.episode}: {error}") from None
+
+
+def _check_one(shown: Demonstration, config: ImitatorConfig, sofm: HabituatingSOFM) -> None:
+    """Raise a ValueError unless a demonstration has the right types, sizes and finite values."""
+    check_index("the episode's number", shown.episode, 2**63)
+    if not isinstance(shown.task, str):
+        raise ValueError(f"expected a task as a str, got {shown.task!r}")
+    encoded, state, action = shown.encoded, config.state_dimensions, len(config.action)
+    width = encoded.shape[1] if isinstance(encoded, Tensor) and encoded.dim() == 2 else 0
+    environment = len(config.percept_names) - state - width
+    check_state = check_bounded if config.targets == "state" else check_rows
+    rows = [
+        check_state("state", shown.state, state, _LIKE),
+        check_rows("environment_state", shown.environment_state, environment, _LIKE),
+        check_bounded("action", shown.action, action, _LIKE),
+    ]
+    if encoded is not None:
+        rows.append(check_rows("encoded", encoded, width, _LIKE))
+    if len(set(map(len, rows))) > 1:
+        raise ValueError(
+            f"expected one action for each percept, got {len(shown.action)} actions, "
+            f"{len(shown.state)} states and {len(shown.environment_state)} environment states"
+        )
+    sofm.scaled(shown.percepts)  # which refuses percepts that are too large
+
+
+def _listed(names: Sequence[str] | None) -> str:
+    return "none" if names is None else ", ".join(names)

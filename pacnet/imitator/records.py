@@ -1,0 +1,72 @@
+"""What an imitator returns: a report for each demonstration learned, a record for each step."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacnet.core.old_names import old_names
+from pacnet.network.records import Decision
+
+
+@old_names(unfamiliar="max_novelty")
+class EpisodeReport(NamedTuple):
+    """What learning one demonstration changed."""
+
+    dataset: str
+    """Name of its dataset."""
+    episode: int
+    """Its number in the dataset."""
+    task: str
+    """What was shown, in words."""
+    frames: int
+    """Number of frames, T."""
+    new_nodes: int
+    """Number of nodes added to the map."""
+    nodes: int
+    """Number of nodes of the map afterwards."""
+    novel_share: float
+    """Share of its frames that were novel to the map when they came."""
+    max_novelty: float | None
+    """Its largest novelty before it was learned, as in `ImitatorStep`; None for the first."""
+    correction: bool = False
+    """Whether it showed what to do where something was new."""
+
+
+@old_names(tolerated="threshold")
+class ImitatorStep(NamedTuple):
+    """What the imitator does at one percept of a control loop."""
+
+    action: NDArray[np.float32] | None
+    """`[U]`; None where it does not act, and the caller holds or asks for help."""
+    is_novel: bool
+    """Whether the percept is unlike all training data."""
+    novelty: float
+    """Deviation from the training data over the threshold, in the dimension where that is largest;
+    above 1 the percept is novel."""
+    dimension: str
+    """Name of that dimension."""
+    deviation: float
+    """Signed difference from the nearest percept learned, in that dimension and its own unit."""
+    threshold: float
+    """Deviation from which on percepts are novel, in the same dimension and unit."""
+    decision: Decision
+    """What the network recalled, and which node won."""
+
+
+def read_reports(rows: Any) -> list[EpisodeReport]:
+    """Return the reports that a checkpoint's config holds.
+
+    Raises:
+        ValueError: not a list of reports.
+    """
+    new_names = {"unfamiliar": "max_novelty"}
+    try:
+        return [
+            EpisodeReport(**{str(new_names.get(name, name)): row[name] for name in row})
+            for row in rows
+        ]
+    except (AttributeError, TypeError) as error:
+        raise ValueError(f"expected the episode reports of an Imitator, got: {error}") from error
