@@ -95,8 +95,8 @@ def check(imitator: Imitator, given: Demonstrations) -> None:
             f"{', '.join(FEATURES)} whose targets are actions, got one with "
             f"{', '.join(config.percepts)} whose targets are {config.targets}s"
         )
-    if not imitator.lessons:
-        raise ValueError("expected an imitator that has learned something, got one without lessons")
+    if not imitator.reports:
+        raise ValueError("expected an imitator that has learned something, got one that has not")
     if dict(given.names) != FEATURES or given.fps != FPS:
         raise ValueError(
             f"expected the features of the drinking environment at {FPS} frames per second, "

@@ -225,7 +225,7 @@ def imitate_beside(lessons: int, steps: int) -> None:
             teach(imitator, number)
             wait_for(errors, max(2, steps // lessons // len(EPISODES[0])), taken)
     assert state_of(imitator) == state_of(twin)
-    assert imitator.lessons == twin.lessons
+    assert imitator.reports == twin.reports
     explanation = Explanation(known)
     for number, answers in enumerate(taken):
         explanation.check(number % len(EPISODES), answers)
@@ -405,10 +405,10 @@ def test_two_threads_that_teach_an_imitator_are_as_one_after_the_other():
         while min(done) < 5 and not errors:
             time.sleep(1e-3)
     twin = make_imitator()
-    for told in imitator.lessons[1:]:  # in the order in which they came
+    for told in imitator.reports[1:]:  # in the order in which they came
         teach(twin, told.episode)
-    assert len(imitator.lessons) == 11
-    assert imitator.lessons == twin.lessons
+    assert len(imitator.reports) == 11
+    assert imitator.reports == twin.reports
     assert state_of(imitator) == state_of(twin)
 
 

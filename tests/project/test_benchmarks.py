@@ -181,7 +181,7 @@ def test_an_imitator_learns_while_the_block_runs(taught: Imitator):
         while not learning.over.is_set():
             assert taught.step(watched[0]).decision.winner >= 0
     assert learning.learned == 3
-    assert len(taught.lessons) == 5
+    assert len(taught.reports) == 5
 
 
 def test_an_error_of_the_learning_thread_is_raised(taught: Imitator):

@@ -44,7 +44,7 @@ from pacnet import (
 from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.imitator import Imitator
-from pacnet.imitator.novelty import Familiarity
+from pacnet.imitator.novelty import NoveltyDetector
 
 NAMES = {"observation.state": ("x", "y"), "observation.glass": ("z",), "action": ("u", "v")}
 KINDS = ("cue", "order", "competing", "imitator")
@@ -628,11 +628,11 @@ def _schemas(kind: str) -> Any:
     return make_network(kind).schemas
 
 
-def _familiarity() -> Familiarity:
-    familiarity = Familiarity(3)
-    familiarity.learn(draw(0, 20).numpy(), None)
-    familiarity.learn(draw(1, 20).numpy(), draw(0, 20).numpy())
-    return familiarity
+def _detector() -> NoveltyDetector:
+    detector = NoveltyDetector(3)
+    detector.learn(draw(0, 20).numpy(), None)
+    detector.learn(draw(1, 20).numpy(), draw(0, 20).numpy())
+    return detector
 
 
 def _ensemble() -> SOFMEnsemble:
@@ -710,18 +710,18 @@ ROW_CALLS: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], object], Tens
     ),
     "competing drop": (lambda: _schemas("competing"), lambda m, x: m.drop(x), torch.tensor([0, 1])),
     "imitator step": (lambda: make_network("imitator"), lambda m, x: m.step(x), ONE),
-    "familiarity learn": (
-        _familiarity,
+    "novelty detector learn": (
+        _detector,
         lambda m, x: m.learn(x, FEW.numpy()),
         FEW.numpy(),
     ),
-    "familiarity learn cues": (_familiarity, lambda m, x: m.learn(FEW.numpy(), x), FEW.numpy()),
-    "familiarity judge": (_familiarity, lambda m, x: m.judge(x, FEW.numpy()), ONE.numpy()),
-    "familiarity judge cues": (_familiarity, lambda m, x: m.judge(ONE.numpy(), x), FEW.numpy()),
+    "novelty detector learn cues": (_detector, lambda m, x: m.learn(FEW.numpy(), x), FEW.numpy()),
+    "novelty detector score": (_detector, lambda m, x: m.score(x, FEW.numpy()), ONE.numpy()),
+    "novelty detector score cues": (_detector, lambda m, x: m.score(ONE.numpy(), x), FEW.numpy()),
 }
 MEANT = {  # what is a right call after all
-    ("familiarity learn cues", "None"), ("familiarity learn cues", "empty"),
-    ("familiarity judge cues", "empty"),
+    ("novelty detector learn cues", "None"), ("novelty detector learn cues", "empty"),
+    ("novelty detector score cues", "empty"),
     *((f"{kind} schemas delete", "empty") for kind in KINDS[:3]), ("competing drop", "empty"),
 }  # fmt: skip
 
@@ -895,8 +895,8 @@ CONTRADICTIONS = {
         "schemas.episodes.number": (10**6,), "schemas.episodes.last_cue": (1e30, math.nan),
     },
     "imitator": {
-        "first_action": (math.nan,), "familiarity.usual": (0, -1, math.nan),
-        "familiarity.episodes.deviation": (-1, math.inf),
+        "first_action": (math.nan,), "novelty_detector.typical_deviation": (0, -1, math.nan),
+        "novelty_detector.episodes.deviation": (-1, math.inf),
     },
 }  # fmt: skip
 
@@ -1011,14 +1011,14 @@ BAD = {
 def test_a_demonstration_that_cannot_be_learned_changes_nothing_nor_does_a_good_one_before_it():
     imitator, twin = make_network("imitator"), make_network("imitator")
     percepts = lesson(7)[0]
-    before, lessons = state_of(imitator), list(imitator.lessons)
+    before, lessons = state_of(imitator), list(imitator.reports)
     for number, (name, fields) in enumerate(BAD.items()):
         bad = replace(GOOD, **fields)
         for episodes in ([bad], [GOOD, bad], [bad, GOOD]):
             with refused():
                 imitator.learn(shown(*episodes))
             assert state_of(imitator) == before, name
-            assert imitator.lessons == lessons, name
+            assert imitator.reports == lessons, name
         percept = percepts[number % len(percepts)]  # an episode of recall, in progress
         assert plain(imitator.step(percept)) == plain(twin.step(percept)), name
     others = [None, 5, [GOOD], GOOD, replace(shown(GOOD), source=3), replace(shown(GOOD), fps=49)]
@@ -1028,14 +1028,14 @@ def test_a_demonstration_that_cannot_be_learned_changes_nothing_nor_does_a_good_
             imitator.learn(demonstrations)
         assert state_of(imitator) == before
     assert_alike(imitator, twin)
-    assert imitator.lessons == twin.lessons
+    assert imitator.reports == twin.reports
 
 
 def test_an_imitator_without_the_lessons_of_what_it_knows_learns_nothing_more():
     imitator = Imitator(make_network("imitator").config)
     imitator.load_state_dict(make_network("imitator").state_dict())
     before = state_of(imitator)
-    with pytest.raises(ValueError, match="expected a lesson for each"):
+    with pytest.raises(ValueError, match="expected a report of each"):
         imitator.learn(shown(GOOD))
     assert state_of(imitator) == before
 
@@ -1051,7 +1051,7 @@ BREAKS = {
     "pacnet.network.network.Snapshot": (*ONE_A_NODE, *SEVERAL),
     "pacnet.network.network.adopt": (*ONE_A_NODE, *SEVERAL),
     "pacnet.imitator.imitator.EpisodeReport": ("imitator",),
-    "pacnet.imitator.novelty.Familiarity._note": ("imitator",),
+    "pacnet.imitator.novelty.NoveltyDetector._add_episode": ("imitator",),
     "pacnet.core.growable_rows.GrowableRows.extend": (*ONE_A_NODE, *SEVERAL),
     "pacnet.core.growable_rows.GrowableRows.set_length": ("map", *ONE_A_NODE, *SEVERAL),
     "pacnet.attention.compiled.map_update": ("map", *ONE_A_NODE, *SEVERAL),

@@ -96,10 +96,10 @@ def test_corrections_continue_until_the_imitator_succeeds(corrected):
         *[False] * correct.ENOUGH,
     ]
     assert all(turn.learning > 0 for turn in turns[1:4])
-    assert [(lesson.dataset, lesson.episode) for lesson in imitator.lessons] == [
+    assert [(report.dataset, report.episode) for report in imitator.reports] == [
         ("drinking", number) for number in range(6)
     ]
-    assert imitator.lessons[3].unfamiliar > 1 > imitator.lessons[5].unfamiliar
+    assert imitator.reports[3].max_novelty > 1 > imitator.reports[5].max_novelty
     assert not imitator.training
 
 
@@ -272,11 +272,11 @@ def taught(dataset, seed, count):
 def test_what_was_learned_from_one_demonstration_is_corrected_at_several_places(tmp_path):
     """More corrections than demonstrations, and a further place is new still."""
     demonstrations, imitator = taught(tmp_path / "dataset", 31, 1)
-    before = imitator.familiarity.tolerance
+    before = imitator.novelty_detector.thresholds
     places = draw_places((31, 1), 2)
     turns = correct.correct(imitator.eval(), demonstrations, places, 31, tmp_path / "corrected")
     assert {turn.place for turn in turns if turn.learning is not None} >= {1, 2}
-    assert (imitator.familiarity.tolerance == before).all()
+    assert (imitator.novelty_detector.thresholds == before).all()
     imitator.save_pretrained(tmp_path / "checkpoint")
     drawn = [draw_other_place((31, 2, i), places) for i in range(40)]
     others = [one for one in drawn if min(math.dist(one, place) for place in places) > 0.11]
@@ -314,6 +314,6 @@ def test_corrections_at_new_places_do_not_harm_known_ones(tmp_path):
     extended = Imitator.from_pretrained(folder / "checkpoint")
     assert len(load_demonstrations(folder / "dataset")) == 8 + scores["corrections"]
     assert_clean(folder / "dataset")
-    assert len({lesson.episode for lesson in extended.lessons}) == 8 + scores["corrections"]
+    assert len({report.episode for report in extended.reports}) == 8 + scores["corrections"]
     assert (folder / "novelty.png").stat().st_size > 10_000
     assert load_demonstrations(tmp_path / "dataset").episodes[-1].episode == 7  # left as it was

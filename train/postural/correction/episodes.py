@@ -107,7 +107,7 @@ def attempt(imitator: Imitator, environment: PosturalImitationEnv, situation: Si
     while not truncated:
         step = imitator.step(percept(observation))
         if step.is_novel and pause is None:
-            pause = Pause(len(novelty), step.dimension, step.deviation, step.tolerated)
+            pause = Pause(len(novelty), step.dimension, step.deviation, step.threshold)
         if step.action is not None and pause is None:
             target = step.action
         novelty.append(step.novelty)
