@@ -20,24 +20,24 @@ _EXTRAS = {"matplotlib": "figures", "rerun": "rerun", "lerobot": "datasets"}  # 
 _FAILED, _INTERRUPTED = 1, 130
 _EPILOG = """a first session:
   pacnet fit recordings/drinking --out imitator        learn every episode, in seconds
-  pacnet info imitator                                 what it has learned, and from what
-  pacnet watch imitator recordings/new --out pictures  what is new in other recordings
+  pacnet info imitator                                 show what was learned
+  pacnet watch imitator recordings/new --out pictures  show what is novel in other recordings
   pacnet explain imitator recordings/new --episode 0 --frame 120
 
-Datasets are LeRobot datasets (format v3.0) on disk. `pacnet COMMAND --help` tells about one."""
+Datasets are LeRobot datasets (format v3.0) on disk. `pacnet COMMAND --help` describes a command."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one command; argparse itself exits with 2 where the usage is wrong.
+    """Run one command; on wrong usage argparse exits with 2.
 
     Args:
-        argv: The arguments, those of the process if left out.
+        argv: the arguments; None for those of the process.
 
     Returns:
         The exit code.
     """
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a sign shows another
+        if isinstance(stream, io.TextIOWrapper):  # for terminals that lack a character
             stream.reconfigure(errors="replace")
     try:
         arguments = make_parser().parse_args(argv)
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return _INTERRUPTED
-    except BrokenPipeError:  # nobody reads on, as after `| head`; nor shall Python at its exit
+    except BrokenPipeError:  # as after `| head`; Python must not flush at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
     except ModuleNotFoundError as error:
@@ -60,11 +60,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """The parser of all commands; each sets `run`, what it does with the parsed arguments."""
+    """Return the parser of all commands; each sets `run`, to be called with the arguments."""
     parser = argparse.ArgumentParser(
         prog="pacnet",
-        description="Imitation by attention: learns from demonstrations in seconds, "
-        "tells what is new, and shows which demonstration is behind an action.",
+        description="Imitation learning in seconds: learn from demonstrations, detect what is "
+        "novel, and show which demonstration an action comes from.",
         epilog=_EPILOG,
         formatter_class=Formatter,
     )

@@ -1,46 +1,39 @@
-"""`pacnet info`: what a checkpoint is, and from what it was learned."""
+"""`pacnet info`: what a checkpoint contains, and from which demonstrations it was learned."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
-from pacnet.cli.parsing import Commands, add_command
+from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_json
 from pacnet.cli.printing import (
     NOTHING,
     counted,
     print_json,
     print_pairs,
     print_table,
-    size_of,
     size_text,
 )
+from pacnet.cli.reports import describe_reports, print_reports
 
-if TYPE_CHECKING:
-    from pacnet.imitator.imitator import Imitator
-    from pacnet.network.network import PACNet
-
-_MORE = """Of an imitator: the demonstrations that it was learned from, the names and the scale of
-what it perceives, what it does, and how much it remembers. Checkpoints of a bare network or
-forward model are told about too."""
+_DETAILS = """For an imitator: the names and the scale of its percepts, its actions, how much it has
+stored, and the demonstrations it learned. Checkpoints of a bare network or forward model are
+described too."""
 _EXAMPLE = """pacnet info imitator
   pacnet info imitator --json | jq .nodes"""
 
 
 def add_to(commands: Commands) -> None:
-    """Adds the command to the main parser."""
-    summary = "what a checkpoint is, and from what it was learned"
-    parser = add_command(commands, "info", summary, _MORE, _EXAMPLE, run)
-    parser.add_argument(
-        "checkpoint", metavar="CHECKPOINT",
-        help="folder of a checkpoint, or of a LeRobot policy of type pacnet",
-    )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print JSON, for machines")
+    """Add the command to the main parser."""
+    summary = "describe a checkpoint, and the demonstrations it was learned from"
+    parser = add_command(commands, "info", summary, _DETAILS, _EXAMPLE, run)
+    add_checkpoint(parser)
+    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Describes the checkpoint and prints it."""
+    """Describe the checkpoint and print the result."""
     document = describe(arguments.checkpoint)
     if arguments.json:
         print_json(document)
@@ -49,8 +42,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def describe(checkpoint: str) -> dict[str, Any]:
-    """What there is to say about a checkpoint, as JSON holds it."""
-    from pacnet.cli.sources import checkpoint_folder, kind_of, load_imitator
+    """Return a description of a checkpoint, for JSON."""
+    from pacnet.cli.loading import checkpoint_folder, kind_of, load_imitator, size_of
     from pacnet.core.checkpoint import read_checkpoint
     from pacnet.network.network import PACNet
 
@@ -58,107 +51,88 @@ def describe(checkpoint: str) -> dict[str, Any]:
     kind = kind_of(folder)
     document: dict[str, Any] = {"kind": kind, "folder": str(folder), "bytes": size_of(folder)}
     if kind == "Imitator":
-        return document | _of_imitator(load_imitator(folder))
-    if kind == "PACNet":
+        imitator = load_imitator(folder)
+        config = imitator.config
+        document |= {
+            "fps": config.fps,
+            "targets_are": config.targets,
+            "lead": config.lead if config.targets == "state" else None,
+            **_describe_network(imitator.network, config.percepts),
+            "action": list(config.action),
+            "first_action": imitator.first_action.tolist(),
+            "reports": describe_reports(imitator),
+        }
+    elif kind == "PACNet":
         network = PACNet.from_pretrained(folder)
-        scale = network.sofm.scale.tolist()
-        return document | _of_network(network) | {"percept": {"percept": _unnamed(scale)}}
-    fields, tensors = read_checkpoint(folder)
-    settings = {name: value for name, value in fields.items() if name != "model"}
-    numbers = sum(tensor.numel() for tensor in tensors.values())
-    return document | {"numbers": numbers, "settings": settings}
+        numbers = tuple(map(str, range(len(network.sofm.scale))))
+        document |= _describe_network(network, {"percept": numbers})
+    else:
+        fields, tensors = read_checkpoint(folder)
+        document["numbers"] = sum(tensor.numel() for tensor in tensors.values())
+        document["settings"] = {name: field for name, field in fields.items() if name != "model"}
+    return document
 
 
-def _of_imitator(imitator: Imitator) -> dict[str, Any]:
-    from pacnet.cli.lessons import lessons_of
-
-    config = imitator.config
-    scale = iter(imitator.network.sofm.scale.tolist())
-    return {
-        "fps": config.fps,
-        "targets_are": config.targets,
-        "lead": config.lead if config.targets == "state" else None,
-        **_of_network(imitator.network),
-        "percept": {
-            feature: dict(zip(names, scale, strict=False))
-            for feature, names in config.percepts.items()
-        },
-        "action": list(config.action),
-        "first_action": imitator.first_action.tolist(),
-        "lessons": lessons_of(imitator),
-    }
-
-
-def _of_network(network: PACNet) -> dict[str, Any]:
-    lengths = network.schemas.lengths
+def _describe_network(network: Any, percept: Mapping[str, tuple[str, ...]]) -> dict[str, Any]:
+    """Return how much a `PACNet` has stored, and the scale of its percept by feature and name."""
+    lengths, scale = network.schemas.lengths, iter(network.sofm.scale.tolist())
     return {
         "nodes": len(network.sofm),
         "schemas": int((lengths > 0).sum()),
         "targets": int(lengths.sum()),
         "target_dimensions": network.config.schemas.target_dimensions,
         "behaviours": list(network.behaviours),
+        "percept": {
+            feature: dict(zip(names, scale, strict=False)) for feature, names in percept.items()
+        },
     }
 
 
-def _unnamed(scale: Sequence[float]) -> dict[str, float]:
-    return {str(place): factor for place, factor in enumerate(scale)}
-
-
 def _print(document: Mapping[str, Any]) -> None:
-    folder = document["folder"]
-    pairs = [("checkpoint", f"{folder}: {document['kind']}, {size_text(folder)}")]
+    pairs = [
+        ("checkpoint", f"{document['folder']}: {document['kind']}, {size_text(document['bytes'])}")
+    ]
     if "percept" not in document:
-        told = [(name, _shortly(value)) for name, value in document["settings"].items()]
-        print_pairs([*pairs, ("numbers", f"{document['numbers']:,}"), *told])
+        settings = [(name, _brief(value)) for name, value in document["settings"].items()]
+        print_pairs([*pairs, ("numbers", f"{document['numbers']:,}"), *settings])
         return
     print_pairs([*pairs, *_summary(document)])
-    _print_percept(document["percept"])
-    if document.get("lessons"):
-        from pacnet.cli.lessons import print_lessons
-
+    print("\npercept, and the factor on each dimension in distances")
+    rows = [
+        (feature, name, f"{factor:.4g}")
+        for feature, names in document["percept"].items() for name, factor in names.items()
+    ]  # fmt: skip
+    print_table(("<feature", "<dimension", "scale"), rows)
+    if document.get("reports"):
         print("\nlearned from")
-        print_lessons(document["lessons"])
+        print_reports(document["reports"])
 
 
 def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
-    dimensions = sum(map(len, document["percept"].values()))
-    rate = f" at {document['fps']:g} frames per second" if "fps" in document else ""
-    pairs = [("percept", f"{counted(dimensions, 'dimension')}{rate}")]
-    if "action" in document:
-        pairs.append(("action", ", ".join(document["action"])))
-    behaviours = [name or "untitled" for name in document["behaviours"]]
+    percept = counted(sum(map(len, document["percept"].values())), "dimension")
+    kind = f"of {counted(document['target_dimensions'], 'dimension')}"
+    if "fps" in document:
+        percept += f" at {document['fps']:g} frames per second"
+        kind = f"{document['targets_are']}s {kind}"
+    if document.get("lead") is not None:
+        kind += f", {counted(document['lead'], 'frame')} ahead; a forward model finds the actions"
+    action = [("action", ", ".join(document["action"]))] if "action" in document else []
+    behaviours = ", ".join(name or "untitled" for name in document["behaviours"])
     return [
-        *pairs,
+        ("percept", percept),
+        *action,
         ("nodes", f"{document['nodes']:,}"),
         ("schemas", f"{document['schemas']:,}"),
-        ("targets", f"{document['targets']:,}{_kind_of_targets(document)}"),
-        ("behaviours", ", ".join(behaviours) or NOTHING),
+        ("targets", f"{document['targets']:,} {kind}"),
+        ("behaviours", behaviours or NOTHING),
     ]
 
 
-def _kind_of_targets(document: Mapping[str, Any]) -> str:
-    of = f" of {counted(document['target_dimensions'], 'dimension')}"
-    if "targets_are" not in document:
-        return of
-    if document["targets_are"] == "action":
-        return f" actions{of}"
-    return f" states{of}, {counted(document['lead'], 'frame')} ahead; a forward model acts"
-
-
-def _print_percept(percept: Mapping[str, Mapping[str, float]]) -> None:
-    print("\npercept, and the factor on each dimension before distances are taken")
-    rows = [
-        (feature, name, f"{factor:.4g}")
-        for feature, names in percept.items() for name, factor in names.items()
-    ]  # fmt: skip
-    print_table(("<feature", "<dimension", "scale"), rows)
-
-
-def _shortly(value: Any) -> str:
-    """A setting in a few words: long lists by their length."""
+def _brief(value: Any) -> str:
+    """Return a setting in a few words: of long lists their length."""
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_shortly(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {_brief(part)}" for name, part in value.items())
     if isinstance(value, list):
-        parts = ", ".join(map(_shortly, value))
+        parts = ", ".join(map(_brief, value))
         return parts if len(parts) <= 40 else f"{len(value)} values"
     return NOTHING if value is None else str(value)

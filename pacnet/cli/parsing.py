@@ -1,4 +1,4 @@
-"""What the parsers of the commands have in common."""
+"""Arguments that several commands share, and the layout of their help."""
 
 from __future__ import annotations
 
@@ -9,28 +9,34 @@ from typing import TypeAlias
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """Where commands are added to the main parser."""
-Run = Callable[[argparse.Namespace], None]
-"""What a command does with its parsed arguments."""
 
 
 def add_command(
-    commands: Commands, name: str, summary: str, more: str, example: str, run: Run
+    commands: Commands,
+    name: str,
+    summary: str,
+    details: str,
+    examples: str,
+    run: Callable[[argparse.Namespace], None],
 ) -> argparse.ArgumentParser:
-    """A parser for a command, whose arguments are still to be added.
+    """Add a command to the main parser.
 
     Args:
         commands: of the main parser.
         name: of the command.
         summary: what it does, one line.
-        more: what else there is to know before using it.
-        example: command lines to copy.
-        run: what it does with the parsed arguments.
+        details: what else to know before using it.
+        examples: command lines to copy.
+        run: called with the parsed arguments.
+
+    Returns:
+        The command's parser, still without arguments.
     """
     parser = commands.add_parser(
         name,
         help=summary,
-        description=f"{summary[0].upper()}{summary[1:]}. {more}",
-        epilog=f"example:\n  {example}",
+        description=f"{summary[0].upper()}{summary[1:]}. {details}",
+        epilog=f"example:\n  {examples}",
         formatter_class=Formatter,
     )
     parser.set_defaults(run=run)
@@ -38,61 +44,55 @@ def add_command(
 
 
 def add_checkpoint(parser: argparse.ArgumentParser) -> None:
-    """The argument CHECKPOINT of the commands that use an imitator."""
+    """Add the argument CHECKPOINT."""
     parser.add_argument(
-        "checkpoint",
-        metavar="CHECKPOINT",
-        help="folder that `pacnet fit` wrote, or of a LeRobot policy of type pacnet",
-    )
+        "checkpoint", metavar="CHECKPOINT",
+        help="folder written by `pacnet fit`, or of a LeRobot policy of type pacnet",
+    )  # fmt: skip
 
 
 def add_dataset(parser: argparse.ArgumentParser) -> None:
-    """The argument DATASET."""
+    """Add the argument DATASET."""
     parser.add_argument(
         "dataset", type=path, metavar="DATASET", help="folder of a LeRobot dataset (format v3.0)"
     )
 
 
-def natural(text: str) -> int:
-    """A whole number ≥ 0, for argparse."""
-    return _whole(text, 0)
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the option --json."""
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
-def positive(text: str) -> int:
-    """A whole number ≥ 1, for argparse."""
-    return _whole(text, 1)
+def whole_number(lowest: int) -> Callable[[str], int]:
+    """Return a parser of whole numbers ≥ `lowest`, for argparse."""
 
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = lowest - 1
+        if value < lowest:
+            raise argparse.ArgumentTypeError(f"expected a whole number ≥ {lowest}, got {text!r}")
+        return value
 
-def _whole(text: str, least: int) -> int:
-    expected = argparse.ArgumentTypeError(f"expected a whole number ≥ {least}, got {text!r}")
-    try:
-        value = int(text)
-    except ValueError:
-        raise expected from None
-    if value < least:
-        raise expected
-    return value
+    return parse
 
 
 def path(text: str) -> str:
-    """The name of a file or folder, for argparse; an empty one would mean the working folder."""
+    """Return the name of a file or folder, for argparse; empty would mean the current folder."""
     if not text:
         raise argparse.ArgumentTypeError("expected the name of a file or folder, got an empty one")
     return text
 
 
 def check_folder(option: str, folder: str) -> None:
-    """Refuses a file where a folder is to be written to.
-
-    Raises:
-        ValueError: there is a file of that name.
-    """
+    """Raise a ValueError if there is a file where a folder is to be written."""
     if Path(folder).exists() and not Path(folder).is_dir():
         raise ValueError(f"expected {option} as a folder, '{folder}' is a file")
 
 
 class Formatter(argparse.RawDescriptionHelpFormatter):
-    """Wraps descriptions, and leaves text with indented lines, such as examples, as it is."""
+    """Wraps paragraphs, and keeps text with indented lines, such as examples, as it is."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if "\n  " in text:

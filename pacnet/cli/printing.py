@@ -1,31 +1,31 @@
-"""Aligned text: tables, and lists of what is what."""
+"""Output: aligned tables, name-value pairs, JSON and progress bars."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import takewhile
 from typing import Any
 
-NOTHING = "–"  # what has no value
-_LONGEST = 40  # letters of a cell
+NOTHING = "–"  # printed for a missing value
+_WIDEST = 40  # characters of a cell
 
 
 def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Prints rows under their heads.
+    """Print rows under their heads.
 
     Args:
-        heads: of the columns; those that start with "<" are set flush left, the others right.
+        heads: of the columns; those that start with "<" are aligned left, the others right.
         rows: cells of each row.
     """
     columns = [
         [head.removeprefix("<"), *_shortened(cells)]
         for head, *cells in zip(heads, *rows, strict=True)
     ]
-    lines = zip(*columns, strict=True)
     widths = [max(map(len, column)) for column in columns]
-    for line in lines:
+    for line in zip(*columns, strict=True):
         cells = [
             cell.ljust(width) if head.startswith("<") else cell.rjust(width)
             for head, cell, width in zip(heads, line, widths, strict=True)
@@ -33,72 +33,76 @@ def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         print("  ".join(cells).rstrip())
 
 
-def print_pairs(pairs: Iterable[tuple[str, str]]) -> None:
-    """Prints what is what, one a line."""
-    pairs = list(pairs)
+def print_pairs(pairs: Sequence[tuple[str, str]]) -> None:
+    """Print names and their values, one pair a line."""
     width = max(len(name) for name, _ in pairs)
-    for name, told in pairs:
-        print(f"{name:<{width}}  {told}".rstrip())
+    for name, value in pairs:
+        print(f"{name:<{width}}  {value}".rstrip())
 
 
 def print_json(document: Any) -> None:
-    """Prints a document for machines; what is no number becomes null, as JSON has no NaN."""
+    """Print a document as JSON; NaN and infinity, which JSON lacks, become null."""
     print(json.dumps(_without_nan(document), indent=2, ensure_ascii=False))
 
 
-def counted(count: int, one: str) -> str:
-    """A number with its noun: 1 node, 2 nodes."""
-    return f"{count:,} {one if count == 1 else one + 's'}"
+@contextmanager
+def progress_bar(doing: str, total: int, unit: str = "frame") -> Iterator[Callable[[int], object]]:
+    """Show progress on stderr, if that is a terminal.
+
+    Args:
+        doing: what is being done, one word.
+        total: number of units to do.
+        unit: name of a unit.
+
+    Yields:
+        A function to call with the number of further units done.
+    """
+    from tqdm import tqdm
+
+    with tqdm(total=total, desc=doing, unit=unit, disable=None, leave=False) as bar:
+        yield bar.update
 
 
-def size_of(folder: str | Path) -> int:
-    """Bytes of the checkpoint in a folder."""
-    from pacnet.core.checkpoint import CONFIG_FILE, TENSOR_FILE
-
-    return sum((Path(folder) / name).stat().st_size for name in (CONFIG_FILE, TENSOR_FILE))
+def counted(count: int, noun: str) -> str:
+    """Return a number with its noun: 1 node, 2 nodes."""
+    return f"{count:,} {noun if count == 1 else noun + 's'}"
 
 
-def size_text(folder: str | Path) -> str:
-    """The same in kilobytes or megabytes."""
-    size = size_of(folder)
+def size_text(size: int) -> str:
+    """Return a number of bytes in kilobytes or megabytes."""
     return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
 
 
-def over_tolerated(novelty: float | None) -> str:
-    """A novelty, which is over what is tolerated; there is none for what came first."""
-    return NOTHING if novelty is None else f"{novelty:.2f}"
-
-
 def _shortened(cells: Sequence[str]) -> list[str]:
-    """The cells of a column on one line each; long ones are cut, and can still be told apart."""
+    """Return the cells of a column on one line each, long ones cut but still distinct."""
     cells = [" ".join(cell.split()) for cell in cells]
-    long = sorted({cell for cell in cells if len(cell) > _LONGEST})
-    cut = {cell: f"{cell[: _LONGEST // 2]}…{cell[1 - _LONGEST // 2 :]}" for cell in long}
-    for looks in set(cut.values()):
-        alike = [cell for cell in long if cut[cell] == looks]
-        if len(alike) > 1:
-            cut.update(zip(alike, _told_apart(alike), strict=True))
+    long = sorted({cell for cell in cells if len(cell) > _WIDEST})
+    half = _WIDEST // 2
+    cut = {cell: f"{cell[:half]}…{cell[1 - half :]}" for cell in long}
+    for text in set(cut.values()):
+        same = [cell for cell in long if cut[cell] == text]
+        if len(same) > 1:
+            cut.update(zip(same, _distinct(same), strict=True))
     return [cut.get(cell, cell) for cell in cells]
 
 
-def _told_apart(cells: Sequence[str]) -> Sequence[str]:
-    """The same, of which the beginning and the words that differ are left, if these fit."""
+def _distinct(cells: Sequence[str]) -> Sequence[str]:
+    """Return the beginning of each cell and the words that differ; whole cells if too long."""
     words = [cell.split() for cell in cells]
-    start = _same(words)
-    end = _same([part[:start:-1] for part in words])
-    parts = [" ".join(part[start : len(part) - end]) for part in words]
-    room = _LONGEST - 2 - max(map(len, parts))
-    if room < 1 or len(set(parts)) < len(cells):
+    start = _common(words)
+    rests = [part[start:] for part in words]
+    end = _common([rest[:0:-1] for rest in rests])  # of all but the first word
+    parts = [" ".join(rest[: len(rest) - end]) for rest in rests]
+    free = _WIDEST - 2 - max(map(len, parts))
+    if free < 1 or len(set(parts)) < len(cells):
         return cells
-    shown = min(room, len(" ".join(words[0][:start])))
-    return [f"{cell[:shown].rstrip()}…{part}…" for cell, part in zip(cells, parts, strict=True)]
+    beginning = " ".join(words[0][:start])[:free].rstrip()
+    return [f"{beginning}…{part}…" for part in parts]
 
 
-def _same(lines: Sequence[Sequence[str]]) -> int:
-    """How many words are the same at the beginning of all lines."""
-    places = enumerate(zip(*lines, strict=False))
-    differ = (place for place, words in places if len(set(words)) > 1)
-    return next(differ, min(map(len, lines)))
+def _common(lines: Sequence[Sequence[str]]) -> int:
+    """Return the number of words that all lines begin with."""
+    return len(list(takewhile(lambda words: len(set(words)) == 1, zip(*lines, strict=False))))
 
 
 def _without_nan(document: Any) -> Any:

@@ -1,4 +1,4 @@
-"""`pacnet watch`: novelty and recognition over time, of every episode of a dataset."""
+"""`pacnet watch`: novelty and recognition over time, for every episode of a dataset."""
 
 from __future__ import annotations
 
@@ -16,66 +16,63 @@ from pacnet.cli.parsing import (
     check_folder,
     path,
 )
-from pacnet.cli.printing import NOTHING, print_pairs, print_table
+from pacnet.cli.printing import NOTHING, print_pairs, print_table, progress_bar
 
 if TYPE_CHECKING:
-    from pacnet.cli.seen import Seen
-    from pacnet.imitator.imitator import Imitator
+    from pacnet.cli.replay import ReplayedEpisode
 
-_MORE = """The imitator watches each episode from its start, acts on nothing and learns nothing. It
-says which behaviour it takes the episode for, where it is unlike everything that was learned, and
-in which dimension."""
+_DETAILS = """The imitator runs over each episode from its start, without acting or learning. The
+output says which behaviour it recognises, where the percepts are unlike the training data, and in
+which dimension."""
 _EXAMPLE = "pacnet watch imitator recordings/new --out pictures"
 _HEADS = (
-    "episode", "<recorded as", "<recognised as", "sure", "since", "novel frames",
-    "largest novelty", "<in", "at", "would act", "<holds for",
+    "episode", "<task", "<recognised as", "probability", "since", "novel frames", "max novelty",
+    "<in", "at", "acts", "<holds because",
 )  # fmt: skip
-_LEGEND = """recognised as: the likeliest known behaviour at the end; new where the end is novel
-sure, since: how sure among the known behaviours, and since when it was that one
-novelty: how far from what was learned, over what is tolerated in that dimension; over 1 is novel
-would act: frames at which it would act on a robot; at the others it would hold
-holds for: the commonest reason there; `pacnet explain` tells that of one frame, with its numbers"""
+_LEGEND = """recognised as: the likeliest known behaviour at the end; new if the last frame is novel
+probability, since: of that behaviour among the known ones, and since when it was the likeliest
+max novelty, in, at: largest novelty, its dimension and time; novelty above 1 is novel
+acts: share of frames at which it would act on a robot; at the others it would hold
+holds because: the commonest reason; `pacnet explain` gives the numbers of a single frame"""
 
 
 def add_to(commands: Commands) -> None:
-    """Adds the command to the main parser."""
-    summary = "what an imitator recognises in other recordings, and what is new to it there"
-    parser = add_command(commands, "watch", summary, _MORE, _EXAMPLE, run)
+    """Add the command to the main parser."""
+    summary = "show what an imitator recognises in other recordings, and what is novel there"
+    parser = add_command(commands, "watch", summary, _DETAILS, _EXAMPLE, run)
     add_checkpoint(parser)
     add_dataset(parser)
     parser.add_argument(
-        "--out",
-        type=path,
-        metavar="DIR",
-        help="draw each episode over time, into DIR/episode_NNN.png",
-    )
+        "--out", type=path, metavar="DIR",
+        help="draw a figure of each episode over time to DIR/episode_NNN.png",
+    )  # fmt: skip
     parser.add_argument(
         "--rerun", type=path, metavar="FILE.rrd",
-        help="write what was seen for the Rerun viewer; needs the package rerun-sdk",
+        help="write the curves for the Rerun viewer; needs the package rerun-sdk",
     )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Watches, prints, draws."""
+    """Run over all episodes, print a table, and write the figures and curves asked for."""
     if arguments.rerun is not None:
-        import rerun  # noqa: F401 — whether it is there, before anything is watched
-    from pacnet.cli.seen import see
-    from pacnet.cli.sources import load_imitator, load_percepts
+        import rerun  # noqa: F401 — whether it is installed, before the work begins
+    from pacnet.cli.loading import load_imitator, load_percepts
+    from pacnet.cli.replay import replay
 
     imitator = load_imitator(arguments.checkpoint)
     demonstrations = load_percepts(imitator, arguments.dataset)
     _make_folders(arguments)
-    seen = list(see(imitator, demonstrations))
-    behaviours, fps = imitator.network.behaviours, demonstrations.fps
-    print_table(_HEADS, [_row(one, behaviours, fps) for one in seen])
+    episodes = list(replay(imitator, demonstrations))
+    fps = demonstrations.fps
+    behaviours = [name or "untitled" for name in imitator.network.behaviours]
+    print_table(_HEADS, [_row(episode, behaviours, fps) for episode in episodes])
     print(_LEGEND)
     written = []
     if arguments.out is not None:
-        written.append(("pictures", str(_draw(seen, imitator, fps, Path(arguments.out)))))
+        _draw(episodes, behaviours, fps, Path(arguments.out))
+        written.append(("pictures", str(Path(arguments.out))))
     if arguments.rerun is not None:
-        from pacnet.cli.rerun_file import write_rerun
-
-        write_rerun(arguments.rerun, seen, behaviours, fps)
+        write_rerun(arguments.rerun, episodes, behaviours, fps)
         written.append(("rerun", arguments.rerun))
     if written:
         print()
@@ -83,7 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _make_folders(arguments: argparse.Namespace) -> None:
-    """Whether there is a place for what will be written, before anything is watched."""
+    """Make the folders to write to, before the work begins."""
     if arguments.out is not None:
         check_folder("--out", arguments.out)
         Path(arguments.out).mkdir(parents=True, exist_ok=True)
@@ -93,48 +90,69 @@ def _make_folders(arguments: argparse.Namespace) -> None:
         Path(arguments.rerun).parent.mkdir(parents=True, exist_ok=True)
 
 
-def _row(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
-    recognition, shown = seen.watched.recognition, seen.watched.demonstration
+def _row(episode: ReplayedEpisode, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
+    recognition, shown = episode.watched.recognition, episode.watched.demonstration
     most = int(recognition.novelty.argmax())
+    recognised = ("new", NOTHING, NOTHING)
+    if not recognition.is_novel[-1]:
+        number = int(recognition.behaviour[-1])
+        probability = float(recognition.probability[-1, number])
+        since = episode.watched.named_since / fps
+        recognised = (behaviours[number], f"{probability:.1%}", f"{since:.2f} s")
     return (
         f"{shown.episode}",
         shown.task or "untitled",
-        *_recognised(seen, behaviours, fps),
+        *recognised,
         f"{float(recognition.is_novel.double().mean()):.1%}",
         f"{float(recognition.novelty[most]):.2f}",
-        seen.dimension[most],
+        episode.dimension[most],
         f"{most / fps:.2f} s",
-        f"{float(seen.acts.double().mean()):.1%}",
-        seen.holds_for or NOTHING,
+        f"{float(episode.acts.double().mean()):.1%}",
+        episode.holds_because or NOTHING,
     )
 
 
-def _recognised(seen: Seen, behaviours: Sequence[str], fps: float) -> tuple[str, str, str]:
-    """As what, how sure, and since when."""
-    recognition = seen.watched.recognition
-    if recognition.is_novel[-1]:
-        return "new", NOTHING, NOTHING
-    named = int(recognition.behaviour[-1])
-    sure, since = float(recognition.probability[-1, named]), seen.watched.stable_from / fps
-    return behaviours[named] or "untitled", f"{sure:.1%}", f"{since:.2f} s"
-
-
-def _draw(seen: Sequence[Seen], imitator: Imitator, fps: float, folder: Path) -> Path:
-    """A page of each episode; returns the folder."""
-    from pacnet.cli.progress import progress_bar
-    from pacnet.cli.seen import NOVEL_ABOVE
+def _draw(
+    episodes: Sequence[ReplayedEpisode], behaviours: Sequence[str], fps: float, folder: Path
+) -> None:
+    """Draw a figure of each episode."""
+    from pacnet.cli.replay import NOVELTY_THRESHOLD
     from pacnet.evaluation.recognition_figures import recognition_over_time
-    from pacnet.evaluation.recognized import display_names
 
-    titles = display_names(imitator.network.behaviours)
-    with progress_bar("drawing", len(seen), "figure") as advance:
-        for one in seen:
-            number, task = one.watched.demonstration.episode, one.watched.demonstration.task
-            title = f"Episode {number}, recorded as “{task or 'untitled'}”"
-            recognition, acts = one.watched.recognition, one.acts.numpy()
-            figure = recognition_over_time(recognition, titles, NOVEL_ABOVE, 1 / fps, title, acts)
-            with warnings.catch_warnings():  # what the font lacks is drawn as a box
+    with progress_bar("drawing", len(episodes), "figure") as advance:
+        for episode in episodes:
+            shown, recognition = episode.watched.demonstration, episode.watched.recognition
+            title = f"Episode {shown.episode}, recorded as “{shown.task or 'untitled'}”"
+            figure = recognition_over_time(
+                recognition, behaviours, NOVELTY_THRESHOLD, 1 / fps, title, episode.acts.numpy()
+            )
+            with warnings.catch_warnings():  # characters that the font lacks are drawn as boxes
                 warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-                figure.savefig(folder / f"episode_{number:03}.png")
+                figure.savefig(folder / f"episode_{shown.episode:03}.png")
             advance(1)
-    return folder
+
+
+def write_rerun(
+    file: str, episodes: Sequence[ReplayedEpisode], behaviours: Sequence[str], fps: float
+) -> None:
+    """Write curves over time of each episode for the Rerun viewer; replace the file."""
+    import numpy as np
+    import rerun
+
+    with rerun.RecordingStream("pacnet", recording_id=Path(file).stem) as recording:
+        recording.save(file)
+        for episode in episodes:
+            recognition = episode.watched.recognition
+            curves = {
+                "novelty": recognition.novelty,
+                "progress": recognition.progress,
+                "winner": recognition.winner,
+            }
+            for number, name in enumerate(behaviours):
+                part = rerun.escape_entity_path_part(name)
+                curves[f"probability/{part}"] = recognition.probability[:, number]
+            times = rerun.TimeColumn("time", duration=np.arange(len(recognition.winner)) / fps)
+            folder = f"episode_{episode.watched.demonstration.episode:03}"
+            for name, values in curves.items():
+                columns = rerun.Scalars.columns(scalars=values.double().numpy())
+                recording.send_columns(f"{folder}/{name}", [times], columns)

@@ -1,4 +1,4 @@
-"""The command line: what it prints is what was learned and seen, and every failure is one line."""
+"""The command line: its output matches the Python API, and every failure is one line."""
 
 import io
 import itertools
@@ -26,15 +26,14 @@ from tqdm import tqdm
 
 import pacnet
 from pacnet.cli import main
+from pacnet.cli.explain import print_explanation
 from pacnet.cli.explanation import explain
-from pacnet.cli.explanation_text import print_explanation
 from pacnet.cli.printing import print_table
-from pacnet.cli.reasons import reason_of
-from pacnet.cli.seen import see
+from pacnet.cli.replay import reason_of, replay
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.evaluation.figure_style import BLUE
-from pacnet.imitator.imitator import Imitator, ImitatorStep
-from pacnet.network.network import Decision, PACNet
+from pacnet.imitator import Imitator, ImitatorStep
+from pacnet.network import Decision, PACNet
 
 PROJECT = Path(__file__).parents[2]
 STATE, SURROUNDINGS, ACTION = "observation.state", "observation.environment_state", "action"
@@ -112,9 +111,9 @@ def rows_under(head: str, printed: str) -> list[list[str]]:
 
 
 def value_of(name: str, printed: str) -> str:
-    """What stands beside a name at the start of a line."""
-    (told,) = re.findall(rf"^{name} {{2,}}(.*)$", printed, re.MULTILINE)
-    return told
+    """The value printed beside a name at the start of a line."""
+    (value,) = re.findall(rf"^{name} {{2,}}(.*)$", printed, re.MULTILINE)
+    return value
 
 
 def unannounced(error: str) -> str:
@@ -137,7 +136,7 @@ def assert_equal(imitator: Imitator, other: Imitator) -> None:
     for name, tensor in imitator.state_dict().items():
         torch.testing.assert_close(tensor, tensors[name], rtol=0, atol=0, msg=name)
     assert imitator.config == other.config
-    assert list(map(repr, imitator.lessons)) == list(map(repr, other.lessons))  # NaN equals NaN
+    assert list(map(repr, imitator.reports)) == list(map(repr, other.reports))  # NaN equals NaN
 
 
 # fit
@@ -148,7 +147,7 @@ def test_it_tells_its_version(capsys: pytest.CaptureFixture[str]):
     assert capsys.readouterr().out == f"pacnet {pacnet.__version__}\n"
 
 
-def test_fit_prints_what_was_new_in_each_episode(
+def test_fit_prints_what_each_episode_changed(
     dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run("fit", dataset, "--out", tmp_path / "out") == 0
@@ -162,22 +161,22 @@ def test_fit_prints_what_was_new_in_each_episode(
     grown = np.array([int(row[4]) for row in rows])
     assert [int(row[5]) for row in rows] == grown.cumsum().tolist()
     assert grown.sum() == len(saved.sofm) == int(value_of("nodes", out))
-    unfamiliar = [row[7] for row in rows]
-    assert unfamiliar[0] == "–"
-    assert float(unfamiliar[1]) > 1  # the first that waves
-    assert max(map(float, unfamiliar[2:])) < float(unfamiliar[1]) / 2
+    novelty = [row[7] for row in rows]
+    assert novelty[0] == "–"
+    assert float(novelty[1]) > 1  # the first that waves
+    assert max(map(float, novelty[2:])) < float(novelty[1]) / 2
     assert int(value_of("schemas", out)) == len(saved.schemas.lengths)
     assert value_of("targets", out) == f"{int(saved.schemas.lengths.sum())} actions"
     assert value_of("learned", out).startswith("6 episodes, 480 frames in ")
 
 
-def test_fit_says_how_much_of_each_episode_is_remembered(
+def test_fit_prints_the_share_of_each_episode_that_is_stored(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     for frames in (80, 24, 4):
         root = record(tmp_path / f"{frames}", ("drink",), 1010, frames)
         assert run("fit", root, "--out", tmp_path / f"taught{frames}") == 0
-        ((*_, remembered, _),) = rows_under("dataset", capsys.readouterr().out)
+        ((*_, stored, _),) = rows_under("dataset", capsys.readouterr().out)
         schemas = Imitator.from_pretrained(tmp_path / f"taught{frames}").network.schemas
         # Of one episode alone no target is merged with another's: each has a frame of its own.
         kept = {
@@ -185,17 +184,17 @@ def test_fit_says_how_much_of_each_episode_is_remembered(
             for schema in range(len(schemas.lengths))
             for frame in schemas.frames(schema).tolist()
         }
-        assert remembered == f"{len(kept) / frames:.1%}"
+        assert stored == f"{len(kept) / frames:.1%}"
         assert run("info", tmp_path / f"taught{frames}") == 0
-        assert rows_under("dataset", capsys.readouterr().out)[0][6] == remembered
-    assert remembered == "0.0%"
+        assert rows_under("dataset", capsys.readouterr().out)[0][6] == stored
+    assert stored == "0.0%"
 
 
 def test_fit_writes_what_python_learns(dataset: Path, imitator: Path):
     assert_equal(Imitator.from_pretrained(imitator), taught(dataset))
 
 
-def test_fit_goes_on_from_a_checkpoint(
+def test_fit_continues_from_a_checkpoint(
     dataset: Path,
     other: Path,
     imitator: Path,
@@ -211,20 +210,20 @@ def test_fit_goes_on_from_a_checkpoint(
     assert value_of("learned", out).endswith("(9 episodes in all)")
 
 
-def test_fit_takes_corrections_that_widen_nothing(dataset: Path, other: Path, tmp_path: Path):
+def test_fit_with_corrections_leaves_thresholds_alone(dataset: Path, other: Path, tmp_path: Path):
     assert run("fit", dataset, "--out", tmp_path / "one") == 0
     more = ("fit", other, "--from", tmp_path / "one")
     assert run(*more, "--corrections", "--out", tmp_path / "corrected") == 0
     assert run(*more, "--out", tmp_path / "both") == 0
     one, corrected, both = (
-        Imitator.from_pretrained(tmp_path / name).familiarity
+        Imitator.from_pretrained(tmp_path / name).novelty_detector
         for name in ("one", "corrected", "both")
     )
-    assert np.array_equal(corrected.tolerance, one.tolerance)
+    assert np.array_equal(corrected.thresholds, one.thresholds)
     assert len(both.episodes) > len(corrected.episodes) == len(one.episodes)
 
 
-def test_fit_replaces_a_checkpoint_only_where_nothing_is_lost(
+def test_fit_replaces_a_checkpoint_only_when_asked(
     dataset: Path, other: Path, imitator: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     shutil.copytree(imitator, tmp_path / "copy")
@@ -258,11 +257,11 @@ def test_fit_takes_features_by_name(tmp_path: Path, capsys: pytest.CaptureFixtur
     ]
 
 
-def test_fit_can_leave_the_surroundings_out(dataset: Path, tmp_path: Path):
+def test_fit_can_leave_the_environment_state_out(dataset: Path, tmp_path: Path):
     assert run("fit", dataset, "--environment-state", "none", "--out", tmp_path) == 0
     assert Imitator.from_pretrained(tmp_path).percept_names == ("x", "y")
     assert run("fit", dataset, "--from", tmp_path, "--out", tmp_path) == 0  # knows what it takes
-    assert len(Imitator.from_pretrained(tmp_path).lessons) == 12
+    assert len(Imitator.from_pretrained(tmp_path).reports) == 12
 
 
 def test_fit_can_aim_at_states(dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -279,12 +278,12 @@ def test_fit_can_aim_at_states(dataset: Path, tmp_path: Path, capsys: pytest.Cap
     assert "states of 2 dimensions, 3 frames ahead" in capsys.readouterr().out
 
 
-def test_fit_says_when_nothing_was_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_fit_says_when_no_targets_were_stored(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     root = record(tmp_path / "short", ("drink",), 1003, frames=4)
     assert run("fit", root, "--out", tmp_path / "out") == 0
     out, error = capsys.readouterr()
     assert value_of("targets", out) == "0 actions"
-    assert error.startswith("note: no targets were kept")
+    assert error.startswith("note: no targets were stored")
     assert error.count("\n") == 1
     assert "expected a network that has learned schemas" in refusal(
         capsys, "watch", tmp_path / "out", root
@@ -294,7 +293,7 @@ def test_fit_says_when_nothing_was_kept(tmp_path: Path, capsys: pytest.CaptureFi
 # info
 
 
-def test_info_tells_what_was_learned(
+def test_info_prints_what_was_learned(
     dataset: Path, imitator: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run("info", imitator) == 0
@@ -317,25 +316,25 @@ def test_info_tells_what_was_learned(
     ]
 
 
-def test_info_for_machines_has_the_same(
+def test_info_as_json_has_the_same(
     dataset: Path, imitator: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run("info", imitator, "--json") == 0
-    told = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    document = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     known = taught(dataset)
-    assert told["kind"] == "Imitator"
-    assert told["behaviours"] == ["drink", "wave"]
-    assert told["action"] == ["right", "up"]
-    assert (told["fps"], told["targets_are"], told["lead"]) == (20, "action", None)
-    assert told["nodes"] == len(known.network.sofm)
-    assert told["targets"] == int(known.network.schemas.lengths.sum())
-    assert list(told["percept"][STATE]) == ["x", "y"]
-    assert told["percept"][SURROUNDINGS]["z"] == float(known.network.sofm.scale[2])
-    assert [lesson["episode"] for lesson in told["lessons"]] == list(range(6))
-    assert told["lessons"][0]["unfamiliar"] is None
-    assert told["bytes"] == sum(file.stat().st_size for file in imitator.iterdir())
+    assert document["kind"] == "Imitator"
+    assert document["behaviours"] == ["drink", "wave"]
+    assert document["action"] == ["right", "up"]
+    assert (document["fps"], document["targets_are"], document["lead"]) == (20, "action", None)
+    assert document["nodes"] == len(known.network.sofm)
+    assert document["targets"] == int(known.network.schemas.lengths.sum())
+    assert list(document["percept"][STATE]) == ["x", "y"]
+    assert document["percept"][SURROUNDINGS]["z"] == float(known.network.sofm.scale[2])
+    assert [report["episode"] for report in document["reports"]] == list(range(6))
+    assert document["reports"][0]["max_novelty"] is None
+    assert document["bytes"] == sum(file.stat().st_size for file in imitator.iterdir())
     first = np.mean([shown.action[0].numpy() for shown in load_demonstrations(dataset)], axis=0)
-    assert told["first_action"] == pytest.approx(first, rel=1e-5)
+    assert document["first_action"] == pytest.approx(first, rel=1e-5)
 
 
 def test_commands_find_the_imitator_of_a_policy(
@@ -350,28 +349,26 @@ def test_commands_find_the_imitator_of_a_policy(
 
 
 @pytest.mark.parametrize("name", sorted(path.name for path in (PROJECT / "checkpoints").iterdir()))
-def test_info_tells_about_every_checkpoint_that_ships(
-    name: str, capsys: pytest.CaptureFixture[str]
-):
+def test_info_describes_every_shipped_checkpoint(name: str, capsys: pytest.CaptureFixture[str]):
     folder = PROJECT / "checkpoints" / name
     fields = json.loads((folder / "config.json").read_text())["config"]
     assert run("info", folder, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["kind"] == fields.get("model", "PACNet")
+    document = json.loads(capsys.readouterr().out)
+    assert document["kind"] == fields.get("model", "PACNet")
     tensors = load_file(folder / "model.safetensors")
-    if told["kind"] == "PACNet":
-        assert told["nodes"] == len(tensors["sofm.nodes.prototype"])
-        assert told["targets"] == len(tensors["schemas.pool.target"])
+    if document["kind"] == "PACNet":
+        assert document["nodes"] == len(tensors["sofm.nodes.prototype"])
+        assert document["targets"] == len(tensors["schemas.pool.target"])
     else:
-        assert told["numbers"] == sum(tensor.numel() for tensor in tensors.values())
+        assert document["numbers"] == sum(tensor.numel() for tensor in tensors.values())
     assert run("info", folder) == 0
-    assert told["kind"] in value_of("checkpoint", capsys.readouterr().out)
+    assert document["kind"] in value_of("checkpoint", capsys.readouterr().out)
 
 
 # watch
 
 
-def test_watch_says_what_it_sees_in_each_episode(
+def test_watch_prints_what_it_recognises_in_each_episode(
     imitator: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run("watch", imitator, other, "--out", tmp_path / "pictures") == 0
@@ -395,7 +392,7 @@ def test_watch_says_what_it_sees_in_each_episode(
             steps[most].dimension,
             f"{most / 20:.2f} s",
             f"{np.mean([step.action is not None for step in steps]):.1%}",
-            "new percept" if held else "–",
+            "novel percept" if held else "–",
         ]
         known.reset()
         named = known.network.recognise(shown.percepts)
@@ -415,7 +412,7 @@ def test_watch_says_what_it_sees_in_each_episode(
     assert value_of("pictures", out) == str(tmp_path / "pictures")
 
 
-def test_watch_draws_what_it_saw(
+def test_watch_draws_its_output(
     imitator: Path, other: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     figures, save = [], Figure.savefig
@@ -446,7 +443,7 @@ def test_watch_draws_what_it_saw(
         assert inked > 0.01
 
 
-def test_watch_says_why_it_holds_where_nothing_is_new(
+def test_watch_prints_why_it_holds_where_nothing_is_novel(
     imitator: Path, other: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     step = Imitator.step
@@ -456,9 +453,9 @@ def test_watch_says_why_it_holds_where_nothing_is_new(
         done = step(self, percept)
         frame = next(frames) % 80
         if frame < 31:
-            decision = done.decision._replace(novelty=False, target=None)
+            decision = done.decision._replace(is_novel=False, target=None)
         elif frame < 60:
-            decision = done.decision._replace(novelty=True, target=None)
+            decision = done.decision._replace(is_novel=True, target=None)
         else:
             return done._replace(is_novel=False, action=np.zeros(2, np.float32))
         return done._replace(is_novel=False, action=None, decision=decision)
@@ -496,7 +493,7 @@ TASK = "Pick up the {} cube and place it carefully into the {} box on the far si
         ([f"{30 * 'a'}{number}{30 * 'b'}" for number in (1, 2)],) * 2,  # not one word to cut at
     ],
 )
-def test_names_in_tables_are_short_and_can_be_told_apart(
+def test_names_in_tables_are_short_and_distinct(
     names: list[str], shown: list[str], capsys: pytest.CaptureFixture[str]
 ):
     print_table(("<name",), [(name,) for name in names])
@@ -531,10 +528,10 @@ def test_watch_writes_a_rerun_recording(imitator: Path, other: Path, tmp_path: P
         for path, table in tables.items()
         if path.startswith("/episode_")
     }
-    seen = list(see(Imitator.from_pretrained(imitator), load_demonstrations(other)))
+    episodes = list(replay(Imitator.from_pretrained(imitator), load_demonstrations(other)))
     expected = {
         f"/episode_{number:03}/{name}": values
-        for number, one in enumerate(seen)
+        for number, one in enumerate(episodes)
         for name, values in (
             ("novelty", one.watched.recognition.novelty),
             ("progress", one.watched.recognition.progress),
@@ -578,7 +575,7 @@ def test_watch_says_what_is_missing_for_rerun(
 # export
 
 
-def test_export_adds_what_was_seen_as_columns(
+def test_export_adds_the_imitators_output_as_columns(
     imitator: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run("export", imitator, other, "--out", tmp_path / "copy") == 0
@@ -612,16 +609,16 @@ def test_export_adds_what_was_seen_as_columns(
             np.testing.assert_allclose(column[name], values, rtol=1e-5, atol=1e-6)
 
 
-def test_export_refuses_before_it_watches(
+def test_export_refuses_before_it_runs(
     imitator: Path,
     other: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ):
-    monkeypatch.setattr("pacnet.cli.seen.see", lambda *_: pytest.fail("it watched"))
+    monkeypatch.setattr("pacnet.cli.replay.replay", lambda *_: pytest.fail("it watched"))
     message = refusal(capsys, "export", imitator, other, "--out", other)
-    assert "expected a folder to be made for the copy" in message
+    assert "expected a new folder for the copy" in message
     twice = tmp_path / "twice"
     shutil.copytree(other, twice)
     edit_info(twice, lambda info: info["features"].update(novelty=info["features"][ACTION]))
@@ -639,22 +636,22 @@ def explained(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[st
     return json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
 
 
-def test_explain_says_from_which_frame_of_which_demonstration_the_target_came(
+def test_explain_names_the_frame_and_demonstration_of_the_target(
     imitator: Path, dataset: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
-    told = explained(capsys, imitator, other, "--episode", 1, "--frame", 60)
+    document = explained(capsys, imitator, other, "--episode", 1, "--frame", 60)
     watched = load_demonstrations(other).episodes[1]
     known = Imitator.from_pretrained(imitator)
     for percept in watched.percepts[:61]:
         step = known.step(percept)
-    assert told["does"] == "acts"
-    assert list(told["action"]) == ["right", "up"]
-    assert told["action"] == told["target"]
-    np.testing.assert_array_equal(np.float32(list(told["action"].values())), step.action)
-    assert (told["novelty"], told["dimension"]) == (step.novelty, step.dimension)
-    assert (told["winner"], told["schema"]) == (step.decision.winner, step.decision.schema)
+    assert document["decision"] == "acts"
+    assert list(document["action"]) == ["right", "up"]
+    assert document["action"] == document["target"]
+    np.testing.assert_array_equal(np.float32(list(document["action"].values())), step.action)
+    assert (document["novelty"], document["dimension"]) == (step.novelty, step.dimension)
+    assert (document["winner"], document["schema"]) == (step.decision.winner, step.decision.schema)
     # The action itself stands in the dataset, at the frame it is said to come from.
-    origin, *others = told["origins"]
+    origin, *others = document["origins"]
     assert (origin["dataset"], origin["task"]) == ("shown", "drink")
     shown = load_demonstrations(dataset)
     source = shown.episodes[origin["episode"]]
@@ -664,171 +661,177 @@ def test_explain_says_from_which_frame_of_which_demonstration_the_target_came(
     near = source.percepts[origin["frame"]] - watched.percepts[60]
     assert float(near.abs().max()) < 0.1
     # It stands for about the same place in the other drinks.
-    assert {row["episode"] for row in told["origins"]} == {0, 2, 4}
+    assert {row["episode"] for row in document["origins"]} == {0, 2, 4}
     for row in others:
         apart = shown.episodes[row["episode"]].percepts[row["frame"]] - watched.percepts[60]
         assert float(apart.abs().max()) < 0.5
 
 
-def test_explain_gives_times_by_the_rate_of_what_they_are_of(imitator: Path, other: Path):
+def test_explain_converts_each_frame_with_its_own_rate(imitator: Path, other: Path):
     faster = replace(load_demonstrations(other), fps=40)
-    told = explain(Imitator.from_pretrained(imitator), faster, 1, 60)
-    assert told["seconds"] == 60 / 40
-    assert told["origins"]
-    assert all(row["seconds"] == row["frame"] / 20 for row in told["origins"])
+    document = explain(Imitator.from_pretrained(imitator), faster, 1, 60)
+    assert document["seconds"] == 60 / 40
+    assert document["origins"]
+    assert all(row["seconds"] == row["frame"] / 20 for row in document["origins"])
 
 
 def test_explain_ranks_schemas_and_nodes(
     imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
-    told = explained(capsys, imitator, other, "--episode", 0, "--frame", 60)
-    confidences = [row["confidence"] for row in told["schemas"]]
+    document = explained(capsys, imitator, other, "--episode", 0, "--frame", 60)
+    confidences = [row["confidence"] for row in document["schemas"]]
     assert confidences == sorted(confidences, reverse=True)
-    (won,) = [row for row in told["schemas"] if row["schema"] == told["schema"]]
+    (won,) = [row for row in document["schemas"] if row["schema"] == document["schema"]]
     assert won["behaviours"] == ["wave"]
     assert won["confidence"] > confidences[0] - 0.1  # who has won is given up only by a margin
     sofm = Imitator.from_pretrained(imitator).network.sofm
     percept = load_demonstrations(other).episodes[0].percepts[60]
     apart = np.linalg.norm((sofm.prototypes - percept) * sofm.scale, axis=1)
     nearest = np.argsort(apart)[:5]
-    assert [row["node"] for row in told["nodes"]] == nearest.tolist()
-    np.testing.assert_allclose([row["distance"] for row in told["nodes"]], apart[nearest], 1e-5)
+    assert [row["node"] for row in document["nodes"]] == nearest.tolist()
+    np.testing.assert_allclose([row["distance"] for row in document["nodes"]], apart[nearest], 1e-5)
     np.testing.assert_allclose(
-        [row["activation"] for row in told["nodes"]], np.exp(-apart[nearest]), 1e-5
+        [row["activation"] for row in document["nodes"]], np.exp(-apart[nearest]), 1e-5
     )
-    assert told["winner"] == nearest[0]
-    assert told["activation"] == pytest.approx(np.exp(-apart.min()), 1e-5)
+    assert document["winner"] == nearest[0]
+    assert document["activation"] == pytest.approx(np.exp(-apart.min()), 1e-5)
 
 
-def test_explain_says_why_the_most_confident_schema_has_not_won(
+def test_explain_says_why_the_most_confident_schema_did_not_win(
     imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
-    told = explained(capsys, imitator, other, "--episode", 0, "--frame", 60)
-    print_explanation(told)
-    assert "is given up" not in capsys.readouterr().out
-    challenger = {**told["schemas"][0], "schema": 99, "confidence": 0.99}
-    print_explanation({**told, "schemas": [challenger, *told["schemas"]]})
-    assert "is given up only for one more confident by 10.0%" in capsys.readouterr().out
+    document = explained(capsys, imitator, other, "--episode", 0, "--frame", 60)
+    print_explanation(document)
+    assert "loses only to" not in capsys.readouterr().out
+    challenger = {**document["schemas"][0], "schema": 99, "confidence": 0.99}
+    print_explanation({**document, "schemas": [challenger, *document["schemas"]]})
+    assert "loses only to a schema that is more confident by 10.0%" in capsys.readouterr().out
 
 
-def test_explain_says_why_nothing_is_done(
-    imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
-):
-    told = explained(capsys, imitator, other, "--episode", 2, "--frame", 79)
-    assert (told["does"], told["is_novel"], told["action"]) == ("holds", True, None)
-    assert told["because"] == "the percept is new in y"
+def test_explain_says_why_it_holds(imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]):
+    document = explained(capsys, imitator, other, "--episode", 2, "--frame", 79)
+    assert (document["decision"], document["is_novel"], document["action"]) == ("holds", True, None)
+    assert document["reason"] == "the percept is novel in y"
     assert run("explain", imitator, other, "--episode", 2, "--frame", 79) == 0
     out = capsys.readouterr().out
-    assert value_of("does", out) == "holds: the percept is new in y"
-    assert "(only a match from 0.55)" in value_of("winner", out)
+    assert value_of("decision", out) == "holds: the percept is novel in y"
+    assert "(below 0.55, no match)" in value_of("winner", out)
 
 
-KNOWN = Decision(np.zeros(2), np.zeros(2), 7, 0.9, novelty=False, position=0, schema=3)
+KNOWN = Decision(
+    target=np.zeros(2),
+    has_target=True,
+    winner=7,
+    activation=0.9,
+    is_novel=False,
+    offset=0,
+    schema=3,
+)
 
 
 @pytest.mark.parametrize(
     ("decision", "changes", "sentence"),
     [
-        (KNOWN, {}, "the percept is known, and a motor schema is confident"),
-        (KNOWN, {"is_novel": True, "action": None}, "the percept is new in elbow"),
+        (KNOWN, {}, "the percept is known and a motor schema is confident"),
+        (KNOWN, {"is_novel": True, "action": None}, "the percept is novel in elbow"),
         (
-            KNOWN._replace(target=None, novelty=True),
+            KNOWN._replace(target=None, is_novel=True),
             {"is_novel": True, "action": None},
-            "the percept is new in elbow",  # which says more than that nothing matches
+            "the percept is novel in elbow",  # which says more than that nothing matches
         ),
         (
-            KNOWN._replace(target=None, novelty=True),
+            KNOWN._replace(target=None, is_novel=True),
             {"action": None},
             "no node of the map matches the percept",
         ),
         (
             KNOWN._replace(target=None),
             {"action": None},
-            "no motor schema of node 7 is confident, nor another near the percept",
+            "no motor schema of node 7 or near the percept is confident",
         ),
-        (KNOWN, {"action": None}, "the forward model cannot tell which action leads to the target"),
+        (KNOWN, {"action": None}, "the forward model finds no action that leads to the target"),
     ],
 )
-def test_what_it_does_has_a_reason(decision: Decision, changes: dict[str, Any], sentence: str):
+def test_every_decision_has_a_reason(decision: Decision, changes: dict[str, Any], sentence: str):
     step = ImitatorStep(np.zeros(2), False, 0.5, "elbow", 0.1, 0.2, decision)
     assert reason_of(step._replace(**changes)).sentence == sentence
 
 
-def test_explain_prints_how_far_the_percept_is_off_and_what_is_tolerated(
+def test_explain_prints_the_deviation_and_its_threshold(
     imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
-    told = explained(capsys, imitator, other, "--episode", 2, "--frame", 79)
+    document = explained(capsys, imitator, other, "--episode", 2, "--frame", 79)
     known = Imitator.from_pretrained(imitator)
     for percept in load_demonstrations(other).episodes[2].percepts:
         step = known.step(percept)
-    assert (told["deviation"], told["tolerated"]) == (step.deviation, step.tolerated)
-    print_explanation({**told, "novelty": 6.0, "deviation": -1.5, "tolerated": 0.25})
+    assert (document["deviation"], document["threshold"]) == (step.deviation, step.threshold)
+    print_explanation({**document, "novelty": 6.0, "deviation": -1.5, "threshold": 0.25})
     novelty = value_of("novelty", capsys.readouterr().out)
-    assert novelty == "6.00 (new over 1), largest in y: -1.5, 0.25 is tolerated"
+    assert novelty == "6.00 (novel above 1), largest in y: deviation -1.5, threshold 0.25"
 
 
-def test_explain_says_that_an_action_is_held_back(
+def test_explain_says_that_an_action_is_not_sent(
     imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
-    told = explained(capsys, imitator, other, "--episode", 1, "--frame", 60)
-    print_explanation(told)
+    document = explained(capsys, imitator, other, "--episode", 1, "--frame", 60)
+    print_explanation(document)
     assert "\naction\n" in capsys.readouterr().out
-    print_explanation({**told, "does": "holds", "action": None})  # as where the percept is new
+    print_explanation({**document, "decision": "holds", "action": None})  # as for novel percepts
     out = capsys.readouterr().out
-    assert "\naction, which is held back\n" in out
-    assert rows_under("name", out)[0] == ["right", f"{told['target']['right']:.4g}"]
+    assert "\naction, not sent\n" in out
+    assert rows_under("name", out)[0] == ["right", f"{document['target']['right']:.4g}"]
 
 
-def test_explain_prints_what_it_tells_machines(
+def test_explain_prints_the_content_of_its_json(
     imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
-    told = explained(capsys, imitator, other, "--episode", 1, "--frame", 60)
+    document = explained(capsys, imitator, other, "--episode", 1, "--frame", 60)
     assert run("explain", imitator, other, "--episode", 1, "--frame", 60) == 0
     out = capsys.readouterr().out
     assert value_of("frame", out) == "60 (3.00 s) of episode 1 of others, “drink”"
-    assert value_of("does", out) == "acts: the percept is known, and a motor schema is confident"
-    length = told["schemas"][0]["targets"]
-    schema = f"{told['schema']}, target {told['position'] + 1} of {length}"
+    assert value_of("decision", out) == "acts: the percept is known and a motor schema is confident"
+    length = document["schemas"][0]["targets"]
+    schema = f"{document['schema']}, target {document['position'] + 1} of {length}"
     assert re.search(rf"^schema {{2,}}{schema}$", out, re.MULTILINE)
-    assert "is given up only" not in out
+    assert "loses only to" not in out
     assert rows_under("name", out)[:2] == [
-        [name, f"{value:.4g}"] for name, value in told["action"].items()
+        [name, f"{value:.4g}"] for name, value in document["action"].items()
     ]
-    assert rows_under("dataset", out)[: len(told["origins"])] == [
+    assert rows_under("dataset", out)[: len(document["origins"])] == [
         ["shown", f"{row['episode']}", "drink", f"{row['frame']}", f"{row['seconds']:.2f} s"]
-        for row in told["origins"]
+        for row in document["origins"]
     ]
-    (won,) = [row for row in rows_under("schema +node", out) if row[0] == f"* {told['schema']}"]
-    assert won[1] == str(told["winner"])
-    assert won[2] == f"{told['schemas'][0]['confidence']:.1%}"
-    assert f"\nmotor schemas of node {told['winner']}; * won\n" in out
-    elsewhere = {**told["schemas"][0], "node": told["winner"] + 1}
-    print_explanation({**told, "schemas": [elsewhere]})
-    assert "and those of other nodes that know the percept; * won\n" in capsys.readouterr().out
+    (won,) = [row for row in rows_under("schema +node", out) if row[0] == f"* {document['schema']}"]
+    assert won[1] == str(document["winner"])
+    assert won[2] == f"{document['schemas'][0]['confidence']:.1%}"
+    assert f"\nmotor schemas of node {document['winner']}; * won\n" in out
+    elsewhere = {**document["schemas"][0], "node": document["winner"] + 1}
+    print_explanation({**document, "schemas": [elsewhere]})
+    assert "and those of other nodes near the percept; * won\n" in capsys.readouterr().out
     assert [row[0].removeprefix("* ") for row in rows_under("node", out)][:2] == [
-        str(row["node"]) for row in told["nodes"][:2]
+        str(row["node"]) for row in document["nodes"][:2]
     ]
 
 
-def test_explain_tells_a_target_that_is_a_state_from_the_action(
+def test_explain_separates_a_state_target_from_the_action(
     dataset: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run("fit", dataset, "--targets", "state", "--out", tmp_path) == 0
-    told = explained(capsys, tmp_path, other, "--episode", 1, "--frame", 60)
-    assert list(told["target"]) == ["x", "y"]
-    origin = told["origins"][0]
+    document = explained(capsys, tmp_path, other, "--episode", 1, "--frame", 60)
+    assert list(document["target"]) == ["x", "y"]
+    origin = document["origins"][0]
     source = load_demonstrations(dataset).episodes[origin["episode"]]
     np.testing.assert_array_equal(
-        np.float32(list(told["target"].values())), source.state[origin["frame"] + 1]
+        np.float32(list(document["target"].values())), source.state[origin["frame"] + 1]
     )
-    assert told["action"] is None or list(told["action"]) == ["right", "up"]
+    assert document["action"] is None or list(document["action"]) == ["right", "up"]
     assert run("explain", tmp_path, other, "--episode", 1, "--frame", 60) == 0
     now = load_demonstrations(other).episodes[1].state[60, 0]
     rows = rows_under("name", capsys.readouterr().out)
-    assert rows[0] == ["x", f"{float(now):.4g}", f"{told['target']['x']:.4g}"]
+    assert rows[0] == ["x", f"{float(now):.4g}", f"{document['target']['x']:.4g}"]
 
 
-def test_explain_names_the_episodes_and_frames_there_are(
+def test_explain_names_the_valid_episodes_and_frames(
     imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
     message = refusal(capsys, "explain", imitator, other, "--episode", 3, "--frame", 0)
@@ -965,7 +968,9 @@ def test_a_folder_where_a_file_is_to_be_is_one_line(
         ("export in data --out ''", "--out: expected the name of a file or folder"),
     ],
 )
-def test_wrong_usage_is_told(arguments: str, expected: str, capsys: pytest.CaptureFixture[str]):
+def test_wrong_usage_is_explained(
+    arguments: str, expected: str, capsys: pytest.CaptureFixture[str]
+):
     assert run(*shlex.split(arguments)) == 2
     assert expected in capsys.readouterr().err.splitlines()[-1]
 
@@ -1044,7 +1049,7 @@ def test_it_takes_no_more_than_one_thread(
     command: str, imitator: Path, other: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     threads = []
-    method = "learn_checked" if command == "fit" else "step_on"
+    method = "update" if command == "fit" else "step_on"
     work = getattr(PACNet, method)
 
     def counting(self: PACNet, *given: Any, **named: Any) -> Any:
@@ -1102,7 +1107,7 @@ checkpoint.open_synced = interrupted
     assert written == {file.name: file.read_bytes() for file in imitator.iterdir()}
 
 
-def test_help_tells_about_every_command_and_argument():
+def test_help_lists_every_command():
     done = subprocess.run(
         [sys.executable, "-m", "pacnet", "--help"],
         cwd=PROJECT, capture_output=True, text=True, check=True,
@@ -1121,7 +1126,7 @@ def test_help_of_a_command_ends_with_an_example(command: str, capsys: pytest.Cap
 
 
 @pytest.mark.slow
-def test_nobody_who_reads_on_is_no_traceback(imitator: Path):
+def test_a_closed_pipe_gives_no_traceback(imitator: Path):
     command = f"{sys.executable} -m pacnet info {imitator} | true"
     done = subprocess.run(
         ["bash", "-c", command], cwd=PROJECT, capture_output=True, text=True, check=False

@@ -1,19 +1,19 @@
-"""What the commands read: imitators, and datasets that one of them is to watch."""
+"""What the commands read: imitators, and datasets for one of them."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
-from pacnet.core.checkpoint import CONFIG_FILE, read_checkpoint
+from pacnet.core.checkpoint import CONFIG_FILE, TENSOR_FILE, read_checkpoint
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.imitator.imitator import Imitator
 
-POLICY = "imitator"  # folder within that of a LeRobot policy
+_POLICY = "imitator"  # folder of the checkpoint within that of a LeRobot policy
 
 
 def checkpoint_folder(folder: str | Path) -> Path:
-    """The folder of the checkpoint itself, where a LeRobot policy holds it.
+    """Return the folder of the checkpoint itself, which may lie within that of a LeRobot policy.
 
     Raises:
         ValueError: an empty name.
@@ -21,20 +21,16 @@ def checkpoint_folder(folder: str | Path) -> Path:
     if not str(folder):
         raise ValueError("expected the folder of a checkpoint, got an empty name")
     folder = Path(folder)
-    return folder / POLICY if _is_policy(folder) else folder
-
-
-def _is_policy(folder: Path) -> bool:
-    """Whether LeRobot wrote the folder, for a policy of pacnet's."""
     try:
         config = json.loads((folder / CONFIG_FILE).read_bytes())
     except (OSError, ValueError):
-        return False
-    return isinstance(config, dict) and config.get("type") == "pacnet"
+        config = None
+    is_policy = isinstance(config, dict) and config.get("type") == "pacnet"
+    return folder / _POLICY if is_policy else folder
 
 
 def kind_of(folder: Path) -> str:
-    """The class of which there is a checkpoint.
+    """Return the name of the class that a checkpoint is of.
 
     Raises:
         FileNotFoundError: no checkpoint there.
@@ -44,8 +40,13 @@ def kind_of(folder: Path) -> str:
     return str(fields.get("model", "PACNet" if "attention" in fields else "something else"))
 
 
+def size_of(folder: Path) -> int:
+    """Return the size of a checkpoint [bytes]."""
+    return sum((folder / name).stat().st_size for name in (CONFIG_FILE, TENSOR_FILE))
+
+
 def load_imitator(checkpoint: str | Path) -> Imitator:
-    """Loads an imitator, also from within a LeRobot policy.
+    """Load an imitator, also from a LeRobot policy.
 
     Raises:
         FileNotFoundError: no checkpoint there.
@@ -62,10 +63,10 @@ def load_imitator(checkpoint: str | Path) -> Imitator:
 
 
 def feature_names(imitator: Imitator) -> dict[str, str | None]:
-    """The features of its percepts, as `load_demonstrations` takes them.
+    """Return the features of its percepts, as `load_demonstrations` takes them.
 
     Raises:
-        ValueError: they hold what an encoder made of images, which there is no way to name here.
+        ValueError: some are encoded images, and the command line has no encoder.
     """
     features = list(imitator.config.percepts)
     if len(features) > 2:
@@ -77,11 +78,11 @@ def feature_names(imitator: Imitator) -> dict[str, str | None]:
 
 
 def load_percepts(imitator: Imitator, dataset: str) -> Demonstrations:
-    """What there is for an imitator to watch in a dataset; nobody needs to have acted in it.
+    """Load the percepts of a dataset for an imitator; the dataset needs no actions.
 
     Raises:
         DatasetError: the dataset cannot be read.
-        ValueError: its percepts or its rate are others than the imitator's.
+        ValueError: its features or its rate are not the imitator's.
     """
     features = feature_names(imitator)
     state, environment_state = str(features["state"]), features["environment_state"]
@@ -92,16 +93,12 @@ def load_percepts(imitator: Imitator, dataset: str) -> Demonstrations:
         got = demonstrations.names.get(feature, ())
         if got != names:
             raise ValueError(
-                f"expected {feature!r} with the dimensions {_listed(names)}, as the imitator "
-                f"learned it, got {_listed(got)} in {dataset}"
+                f"expected {feature!r} with the dimensions {', '.join(names)}, as learned, "
+                f"got {', '.join(got) or 'none'} in {dataset}"
             )
     if demonstrations.fps != imitator.config.fps:
         raise ValueError(
-            f"expected {imitator.config.fps:g} frames per second, as the imitator learned them, "
+            f"expected {imitator.config.fps:g} frames per second, as learned, "
             f"got {demonstrations.fps:g} in {dataset}"
         )
     return demonstrations
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    return f"{len(names)}: {', '.join(names)}" if names else "none"

@@ -1,0 +1,102 @@
+"""Run an imitator over recorded episodes: what it recognises, what is novel, where it would act."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from pacnet.cli.printing import progress_bar
+from pacnet.competition.recognition import Recognition
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.evaluation.recognised import Watched, joined
+from pacnet.imitator.imitator import Imitator
+from pacnet.imitator.records import ImitatorStep
+from pacnet.kernels.threads import use_one_thread
+
+NOVELTY_THRESHOLD = 1.0  # of an imitator's novelty
+_BLOCK = 50  # frames between two updates of the progress bar
+
+
+class Reason(NamedTuple):
+    """Why an imitator acts at a percept or holds."""
+
+    short: str
+    """A few words, the same for all frames of one kind."""
+    sentence: str
+    """With the names and numbers of this frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReplayedEpisode:
+    """What an imitator made of an episode of T frames.
+
+    Attributes:
+        watched: what was recognised; its novelty is the imitator's, over the threshold.
+        dimension: for each frame, the name of the dimension with the largest novelty.
+        acts: whether it would have acted, bool `[T]`.
+        reasons: for each frame, why it would have acted or held.
+    """
+
+    watched: Watched
+    dimension: tuple[str, ...]
+    acts: Tensor
+    reasons: tuple[str, ...]
+
+    @property
+    def holds_because(self) -> str | None:
+        """The commonest reason for not acting; None if it always acts."""
+        reasons = (why for why, acts in zip(self.reasons, self.acts, strict=True) if not acts)
+        ((reason, _),) = Counter(reasons).most_common(1) or ((None, 0),)
+        return reason
+
+
+def replay(imitator: Imitator, demonstrations: Demonstrations) -> Iterator[ReplayedEpisode]:
+    """Run over one episode after the other, each from its start, with a progress bar."""
+    use_one_thread()
+    frames = sum(len(shown.state) for shown in demonstrations)
+    with progress_bar("watching", frames) as advance:
+        for shown in demonstrations:
+            yield _replay_one(imitator, shown, advance)
+
+
+def _replay_one(
+    imitator: Imitator, shown: Demonstration, advance: Callable[[int], object]
+) -> ReplayedEpisode:
+    imitator.reset()
+    parts: list[Recognition] = []
+    steps: list[ImitatorStep] = []
+    for percepts in shown.percepts.split(_BLOCK):
+        parts.append(imitator.network.recognise(percepts))
+        steps += map(imitator.step, percepts.numpy())
+        advance(len(percepts))
+    recognition = joined(parts)._replace(
+        novelty=torch.tensor([step.novelty for step in steps]),
+        is_novel=torch.tensor([step.is_novel for step in steps]),
+    )
+    return ReplayedEpisode(
+        Watched(shown, recognition),
+        tuple(step.dimension for step in steps),
+        torch.tensor([step.action is not None for step in steps]),
+        tuple(reason_of(step).short for step in steps),
+    )
+
+
+def reason_of(step: ImitatorStep) -> Reason:
+    """Return why there is an action, or none."""
+    decision = step.decision
+    if step.is_novel:
+        return Reason("novel percept", f"the percept is novel in {step.dimension}")
+    if decision.is_novel:
+        return Reason("no match", "no node of the map matches the percept")
+    if decision.target is None:
+        where = f"of node {decision.winner} or near the percept"
+        return Reason("no confident schema", f"no motor schema {where} is confident")
+    if step.action is None:
+        sentence = "the forward model finds no action that leads to the target"
+        return Reason("no action found", sentence)
+    return Reason("known", "the percept is known and a motor schema is confident")

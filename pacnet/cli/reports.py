@@ -1,0 +1,54 @@
+"""The table of episode reports, which `pacnet fit` and `pacnet info` print."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from pacnet.cli.printing import NOTHING, print_table
+
+if TYPE_CHECKING:
+    from pacnet.imitator.imitator import Imitator
+
+_HEADS = (
+    "<dataset", "episode", "<task", "frames", "new nodes", "nodes", "stored", "novelty",
+)  # fmt: skip
+_LEGEND = """stored: share of the frames for which motor schemas hold a target
+novelty: largest novelty before the episode was learned; above 1 it was novel"""
+
+
+def describe_reports(imitator: Imitator) -> list[dict[str, Any]]:
+    """Return the report of each episode learned, with the share of frames stored, for JSON."""
+    import numpy as np
+
+    schemas = imitator.schemas
+    visits = {name: schemas.visits.live(name).numpy() for name in schemas.visits.columns}
+    numbers = schemas.episodes.live("number").numpy()[visits["episode"]]
+    rows = []
+    for number, report in enumerate(imitator.reports):
+        stored = np.zeros(report.frames, dtype=bool)
+        own = numbers == number
+        for first, last in zip(visits["first"][own], visits["last"][own], strict=True):
+            stored[first : last + 1] = True
+        rows.append(report._asdict() | {"stored_share": float(stored.mean())})
+    return rows
+
+
+def print_reports(rows: Iterable[Mapping[str, Any]]) -> None:
+    """Print what `describe_reports` returned, and what the columns mean."""
+    print_table(_HEADS, map(_cells, rows))
+    print(_LEGEND)
+
+
+def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    novelty = row["max_novelty"]
+    return (
+        row["dataset"],
+        f"{row['episode']}",
+        row["task"] or "untitled",
+        f"{row['frames']:,}",
+        f"{row['new_nodes']}",
+        f"{row['nodes']}",
+        f"{row['stored_share']:.1%}",
+        NOTHING if novelty is None else f"{novelty:.2f}",
+    )
