@@ -192,7 +192,7 @@ def drinks(where: Path, trained: Path) -> float:
 def assert_learned(checkpoint: Path, expected: Imitator) -> None:
     found = Imitator.from_pretrained(checkpoint / "imitator")
     tensors = expected.state_dict()
-    assert found.lessons == expected.lessons
+    assert found.reports == expected.reports
     assert found.state_dict().keys() == tensors.keys()
     assert all(torch.equal(found.state_dict()[name], tensors[name]) for name in tensors)
 
@@ -232,7 +232,7 @@ def test_a_second_behaviour_leaves_the_first(trained: Path, drinks: float, where
         Imitator.from_pretrained(checkpoint / "imitator")
         for checkpoint in (trained, checkpoint_in(output))
     )
-    assert [lesson.dataset for lesson in both.lessons] == ["drinking"] * 8 + ["toasting"] * 8
+    assert [report.dataset for report in both.reports] == ["drinking"] * 8 + ["toasting"] * 8
     assert both.config == first.config  # the scale of percepts among others
     assert success(checkpoint_in(output), "Drink-v0", where) >= drinks - 0.02
 

@@ -152,7 +152,7 @@ def assert_same(found: Imitator | None, expected: Imitator) -> None:
     assert found_tensors.keys() == tensors.keys()
     for name, tensor in tensors.items():
         assert torch.equal(found_tensors[name], tensor), name
-    assert found.lessons == expected.lessons
+    assert found.reports == expected.reports
 
 
 def percept(state: Sequence[float] | Tensor, glass: float = 0.5) -> dict[str, Tensor]:
@@ -205,7 +205,7 @@ def test_what_came_is_learned_before_it_is_judged(dataset: Demonstrations):
     policy.forward(next(batches(dataset, 0, 100)))
     assert policy.imitator is None
     policy.eval()
-    assert sum(lesson.frames for lesson in policy.imitator.lessons) == 100
+    assert sum(report.frames for report in policy.imitator.reports) == 100
 
 
 def test_a_resumed_training_ends_like_an_uninterrupted_one(dataset: Demonstrations, tmp_path: Path):
@@ -261,7 +261,7 @@ def test_what_follows_what_is_not_learned_from_a_part_of_the_frames(
     assert policy.imitator is None
     assert "an unfinished pass: a whole one takes 540 steps, divided by" in caplog.text
     learn(policy, batches(dataset, 0, 64))
-    assert len(policy.imitator.lessons) == 4
+    assert len(policy.imitator.reports) == 4
 
 
 def test_other_features_and_rates_are_refused_at_once(dataset: Demonstrations, tmp_path: Path):
@@ -353,7 +353,7 @@ def test_a_checkpoint_is_json_and_safetensors(
 
 
 def test_an_untaught_policy_does_not_act():
-    with pytest.raises(ValueError, match="expected a taught policy"):
+    with pytest.raises(ValueError, match="expected a trained policy"):
         PACNetPolicy(config_of()).select_action(percept([0.0, 0.0]))
 
 

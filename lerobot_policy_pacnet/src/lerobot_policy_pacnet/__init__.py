@@ -1,6 +1,6 @@
 """pacnet for LeRobot: importing this registers the policy `pacnet` and the environments `pacnet`.
 
-LeRobot's commands import it by themselves where it is installed.
+LeRobot's commands import it themselves if it is installed.
 """
 
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig

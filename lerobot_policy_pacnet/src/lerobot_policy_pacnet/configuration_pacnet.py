@@ -15,17 +15,16 @@ TARGETS = ("action", "state")
 @PreTrainedConfig.register_subclass("pacnet")
 @dataclass
 class PACNetConfig(PreTrainedConfig):
-    """Settings of a `PACNetPolicy`; what the network needs besides is chosen from the data.
+    """Settings of a `PACNetPolicy`; those of the network are chosen from the data.
 
     Attributes:
-        targets: what is kept of the demonstrations: the "action", or the "state" that followed
-            `lead` frames later, to which a forward model fitted to the same data finds the way.
+        targets: what is stored for each frame: its "action", or the "state" `lead` frames later, to
+            which a forward model, fitted to the same data, finds the action.
         lead: frames that such a state lies ahead, ≥ 1.
-        normalization_mapping: identity: the normaliser is in the policy, and no other dataset
-            changes it.
+        normalization_mapping: identity; the imitator scales percepts itself.
         push_to_hub: whether LeRobot uploads the policy after training.
-        pretrained_revision: of a policy on the Hub; declared here for LeRobot 0.4.4, which would
-            refuse the checkpoints of 0.6 without it.
+        pretrained_revision: of a policy on the Hub; declared for LeRobot 0.4.4, which refuses the
+            checkpoints of 0.6 without it.
 
     Raises:
         ValueError: a setting is out of range.
@@ -42,7 +41,7 @@ class PACNetConfig(PreTrainedConfig):
     pretrained_revision: str | None = None
 
     def __post_init__(self) -> None:
-        """Refuses settings that are out of range."""
+        """Check the settings."""
         super().__post_init__()
         if self.targets not in TARGETS:
             raise ValueError(f"expected policy.targets to be one of {TARGETS}, got {self.targets}")
@@ -51,12 +50,12 @@ class PACNetConfig(PreTrainedConfig):
 
     @property
     def percept_features(self) -> dict[str, PolicyFeature]:
-        """The features that percepts are made of, in their order: the robot's state comes first."""
+        """The features of a percept in their order, the robot's state first."""
         inputs = self.input_features or {}
         return dict(sorted(inputs.items(), key=lambda item: item[0] != OBS_STATE))
 
     def _vectors(self) -> dict[str, dict[str, Any]]:
-        """The features that are no images, as the command line takes them."""
+        """Return the features that are not images, as the command line takes them."""
         return {
             name: {"type": feature.type.value, "shape": list(feature.shape)}
             for name, feature in self.percept_features.items()
@@ -65,12 +64,12 @@ class PACNetConfig(PreTrainedConfig):
 
     @property
     def observation_delta_indices(self) -> None:
-        """None: frames come one by one, and the policy puts them in order."""
+        """None: each frame is loaded by itself, and the policy restores their order."""
         return
 
     @property
     def action_delta_indices(self) -> None:
-        """None, likewise."""
+        """None, as above."""
         return
 
     @property
@@ -79,32 +78,32 @@ class PACNetConfig(PreTrainedConfig):
         return
 
     def get_optimizer_preset(self) -> OptimizerConfig:
-        """An optimizer that does nothing: the policy does not learn by gradient."""
+        """Return an optimizer without effect: the policy does not learn by gradient."""
         return SGDConfig(lr=0.0)
 
     def get_scheduler_preset(self) -> None:
-        """None: there is nothing to schedule."""
+        """Return None: there is nothing to schedule."""
         return
 
     def validate_features(self) -> None:
-        """Refuses features that percepts and actions cannot be made of.
+        """Check that percepts and actions are vectors.
 
         Raises:
-            ValueError: images, a feature that is no vector, no observation at all, or no action.
+            ValueError: images, a feature that is not a vector, no observation, or no action.
         """
         for name, feature in self.percept_features.items():
             if feature.type is FeatureType.VISUAL:
                 raise ValueError(
-                    f"expected vectors to perceive, got the images {name!r}: leave them out with "
-                    f"--policy.input_features='{json.dumps(self._vectors())}', or add to the "
-                    "dataset what an encoder makes of them as a feature observation.NAME"
+                    f"expected vectors as observations, got images {name!r}: leave them out with "
+                    f"--policy.input_features='{json.dumps(self._vectors())}', or add "
+                    "what an encoder makes of them to the dataset, as a feature observation.NAME"
                 )
             if len(feature.shape) != 1:
                 raise ValueError(
                     f"expected {name!r} to be a vector of numbers, got shape {feature.shape}"
                 )
         if not self.percept_features:
-            raise ValueError("expected a feature observation.NAME to perceive, got none")
+            raise ValueError("expected a feature observation.NAME, got none")
         if self.action_feature is None or len(self.action_feature.shape) != 1:
             raise ValueError(
                 f"expected the feature {ACTION!r}, a vector, got {self.action_feature}"

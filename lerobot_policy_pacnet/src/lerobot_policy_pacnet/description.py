@@ -1,4 +1,4 @@
-"""What the policy has to know about the dataset it is trained on, from LeRobot's metadata."""
+"""What the policy needs of LeRobot's metadata of the dataset it is trained on."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _SNAPSHOTS = "snapshots"  # folder of the Hub's cache, in which datasets are nam
 
 @dataclass(frozen=True)
 class DatasetDescription:
-    """A dataset, as far as it matters to an imitator.
+    """The properties of a dataset that an imitator depends on.
 
     Attributes:
-        source: its name.
+        source: name of the dataset.
         fps: frames per second [1/s].
         names: feature -> names of its dimensions, in the order of the percept, then the action.
-        frames: number of its frames.
-        fingerprint: digest of what is in it; with other frames it would be another.
+        frames: number of frames.
+        fingerprint: digest of its names, counts and statistics, to recognise the same data.
     """
 
     source: str
@@ -36,17 +36,17 @@ class DatasetDescription:
     fingerprint: str
 
     def __post_init__(self) -> None:
-        """Turns the lists that JSON reads into tuples."""
+        """Turn the lists that JSON reads into tuples."""
         names = {feature: tuple(parts) for feature, parts in self.names.items()}
         object.__setattr__(self, "names", names)
 
     @classmethod
     def of(cls, meta: Any, percepts: Iterable[str]) -> DatasetDescription:
-        """Describes a dataset.
+        """Return the description of a dataset.
 
         Args:
-            meta: LeRobot's metadata of it.
-            percepts: the features that percepts are made of, in their order.
+            meta: LeRobot's metadata.
+            percepts: the features of a percept, in their order.
 
         Raises:
             ValueError: a feature that the dataset does not have.
@@ -72,17 +72,17 @@ class DatasetDescription:
 
 
 def _name(meta: Any) -> str:
-    """The folder's name, as in `pacnet.datasets`, or the repository's in the Hub's cache."""
+    """Return the folder's name, as `pacnet.datasets`; in the Hub's cache the repository's."""
     root = Path(meta.root).resolve()
     return Path(meta.repo_id).name if root.parent.name == _SNAPSHOTS else root.name
 
 
 def _dimension_names(features: Mapping[str, Any], feature: str) -> tuple[str, ...]:
-    """As `pacnet.datasets` names dimensions: by their numbers where they have no names."""
+    """Return names as `pacnet.datasets` does: numbers where dimensions have no names."""
     if feature not in features:
         raise ValueError(f"expected the feature {feature!r}, the dataset has {', '.join(features)}")
-    told = {**features[feature], "shape": list(features[feature]["shape"])}
-    return tuple(listed_names(told) or map(str, range(told["shape"][0])))
+    spec = {**features[feature], "shape": list(features[feature]["shape"])}
+    return tuple(listed_names(spec) or map(str, range(spec["shape"][0])))
 
 
 def _fingerprint(meta: Any, names: Mapping[str, tuple[str, ...]]) -> str:

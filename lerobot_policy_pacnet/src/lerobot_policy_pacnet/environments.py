@@ -1,6 +1,6 @@
-"""The scenes of the two experiments for `lerobot-eval --env.type=pacnet --env.task=TASK`.
+"""The environments of `lerobot-eval --env.type=pacnet --env.task=TASK`, one for each experiment.
 
-Importing this registers them; what they need is imported when one is made.
+Importing this registers them; their simulators are imported when one is made.
 """
 
 from dataclasses import dataclass, field
@@ -18,8 +18,8 @@ class Task(NamedTuple):
     entry_point: str
     arguments: dict[str, Any]
     fps: int  # [1/s]
-    episode_steps: int  # at most
-    dimensions: dict[str, int]  # of each entry of an observation, and of the action
+    episode_steps: int  # the longest episode
+    dimensions: dict[str, int]  # lengths of each entry of an observation and of the action
 
 
 _POSTURES = {"agent_pos": 22, "environment_state": 6, ACTION: 11}
@@ -31,7 +31,7 @@ def _imitate(behaviour: str) -> Task:
     return Task(scene, {"behaviour": behaviour}, 50, 750, _POSTURES)
 
 
-# Each is gym_pacnet/NAME for gymnasium.
+# Registered with gymnasium as gym_pacnet/NAME.
 TASKS = {
     "Drink-v0": _imitate("drink"),
     "Toast-v0": _imitate("toast"),
@@ -56,12 +56,11 @@ class PACNetEnv(EnvConfig):
     """Settings of an environment.
 
     Attributes:
-        task: what to do: imitate a demonstrator that shows "Drink-v0", "Toast-v0" or "Move-v0", or
-            "FollowWalls-v0".
-        fps: frames per second; each task has its own.
-        noise_scale: factor on the perceptual noise; 0 perceives the truth.
-        picture_every: steps from one new picture of a video to the next: drawing takes long.
-        features_map: what an observation's entries are called in datasets.
+        task: "Drink-v0", "Toast-v0" or "Move-v0", to imitate a demonstrator, or "FollowWalls-v0".
+        fps: frames per second [1/s]; set by the task.
+        noise_scale: factor on the perceptual noise.
+        picture_every: steps between two rendered pictures of a video, because rendering is slow.
+        features_map: names of an observation's entries in datasets.
 
     Raises:
         ValueError: no such task.
@@ -79,7 +78,7 @@ class PACNetEnv(EnvConfig):
     )
 
     def __post_init__(self) -> None:
-        """Takes rate and features from the task."""
+        """Take rate and features from the task."""
         if self.task not in TASKS:
             raise ValueError(f"expected env.task to be one of {', '.join(TASKS)}, got {self.task}")
         task = TASKS[self.task]

@@ -1,7 +1,7 @@
-"""pacnet as LeRobot's commands train, save, load and run policies.
+"""pacnet as a LeRobot policy, for LeRobot's commands to train, save, load and run.
 
-The network is not a submodule: it learns by its own rule, on the CPU, and is saved in a folder of
-its own. What LeRobot's optimizer and `model.safetensors` see is one parameter that does nothing.
+The network is not a submodule: it learns by its own rule, on the CPU, and is saved to a folder of
+its own. LeRobot's optimizer and `model.safetensors` only see one parameter without effect.
 """
 
 from __future__ import annotations
@@ -21,27 +21,28 @@ from lerobot_policy_pacnet.acting import Actor, Ask
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.training import Training
-from pacnet.imitator.imitator import Imitator, ImitatorStep, exactly
+from pacnet.imitator.imitator import Imitator, full_precision
+from pacnet.imitator.records import ImitatorStep
 
 _DOWNLOAD = ("revision", "cache_dir", "force_download", "local_files_only", "token")
 logger = logging.getLogger(__name__)
 
 
 class PACNetPolicy(PreTrainedPolicy):
-    """Imitates what it was shown, learns in one pass, and acts only on what it knows.
+    """Learns demonstrations in one pass, and acts only on percepts like theirs.
 
     Args:
         config: see `PACNetConfig`.
         dataset_stats: statistics of the dataset; not used.
-        dataset_meta: LeRobot's metadata of the dataset to learn from; None to act only.
+        dataset_meta: LeRobot's metadata of the dataset to learn; None to act only.
 
     Attributes:
-        ask: called with the step and the percept `[D]` where the imitator does not act; returns an
-            action `[U]`, or None to hold. None holds always.
-        last_steps: what the imitator made of each row of the last batch, see `ImitatorStep`.
+        ask: called with the step and the percept `[D]` where the imitator gives no action; returns
+            an action `[U]`, or None to hold. If it is None, the policy always holds.
+        last_steps: the imitator's step for each row of the last batch.
 
     Raises:
-        ValueError: features that percepts or actions cannot be made of.
+        ValueError: features of percepts or actions that are not vectors.
     """
 
     config_class = PACNetConfig  # type: ignore[assignment]  # the base class says None
@@ -61,33 +62,32 @@ class PACNetPolicy(PreTrainedPolicy):
         self.anchor = nn.Parameter(torch.zeros(1))
         self._dataset_meta = dataset_meta
         self._training: Training | None = None
-        self._is_current = False  # whether the training is that of the metadata
+        self._is_current = False  # whether `_training` is on the dataset of the metadata
         self._batch_size = 1  # the largest so far
         self._actors: list[Actor] = []
 
     @property
     def imitator(self) -> Imitator | None:
-        """What was learned until now; None if nothing was."""
+        """What has been learned so far; None if nothing."""
         return None if self._training is None else self._training.imitator
 
     def forward(self, batch: dict[str, Any]) -> tuple[Tensor, dict[str, float]]:
-        """Keeps a batch of frames to learn from, in training mode; says how novel it is.
+        """Return how novel a batch of frames is; in training mode add it to the training.
 
         Args:
             batch: frames of a dataset in any order.
 
         Returns:
-            The mean novelty of the percepts, 1 for what is unlike all that is known, and the number
-            of nodes, to log.
+            The mean novelty of the percepts as the loss, from 0 to 1 (unlike all that is known),
+            and the number of nodes, for the log.
 
         Raises:
-            ValueError: several processes, no metadata to learn with, another dataset than the
-                metadata's, features or a rate other than learned before, or numbers that are not
-                finite.
+            ValueError: several processes; no metadata; frames of another dataset; other features or
+                another rate than learned before; or values that are not finite.
         """
         percepts = self._percepts(batch)
         novelty = 1.0
-        with torch.no_grad(), exactly():
+        with torch.no_grad(), full_precision():
             if self.training:
                 self._learn(batch, percepts)
             imitator = self.imitator
@@ -97,64 +97,64 @@ class PACNetPolicy(PreTrainedPolicy):
         return novelty + 0 * self.anchor.sum(), {"nodes": float(nodes)}
 
     def train(self, mode: bool = True) -> PACNetPolicy:
-        """Learns what came until now before it is judged."""
+        """Before evaluation, learn all frames added so far."""
         if not mode:
             self._consolidate()
         super().train(mode)
         return self
 
     def reset(self) -> None:
-        """Starts a new recall episode; what was learned stays."""
+        """Start a new recall episode; what was learned stays."""
         self.last_steps = []
         imitator = self.imitator
         if imitator is None:
             return
-        if not all(actor.knows(imitator) for actor in self._actors):
+        if not all(actor.is_of(imitator) for actor in self._actors):
             self._actors = []
-        for actor in self._actors_for(len(self._actors) or 1):  # ready before a robot moves
+        for actor in self._actors_for(len(self._actors) or 1):  # compiled before a robot moves
             actor.reset()
 
     @torch.no_grad()
     def select_action(self, batch: dict[str, Any], **_: Any) -> Tensor:
-        """What to do about each row of a batch, going on from the last call.
+        """Return the action for each row of a batch, going on from the last call.
 
         Args:
-            batch: what is perceived, B rows; each goes through a recall episode of its own.
+            batch: observations, B rows; each row has a recall episode of its own.
 
         Returns:
             Actions `[B, U]`.
 
         Raises:
-            ValueError: nothing was learned, a feature is missing or misshapen, or not finite.
+            ValueError: nothing was learned; a feature is missing, misshapen or not finite.
         """
         percepts = self._percepts(batch).numpy()
         actors = self._actors_for(len(percepts))
-        # What a caller's inference mode makes could not be changed outside it.
+        # Tensors made in a caller's inference mode could not be changed outside it.
         with torch.inference_mode(False):
             acted = [actor.act(row, self.ask) for actor, row in zip(actors, percepts, strict=True)]
         self.last_steps = [step for _, step in acted]
         return torch.from_numpy(np.stack([action for action, _ in acted])).to(self.anchor.device)
 
     def predict_action_chunk(self, batch: dict[str, Any], **_: Any) -> Tensor:
-        """The same as chunks of one action, `[B, 1, U]`."""
+        """Return the same as chunks of one action, `[B, 1, U]`."""
         return self.select_action(batch)[:, None]
 
     def get_optim_params(self) -> Any:
-        """The one parameter, on which nothing depends."""
+        """Return the one parameter, which has no effect."""
         return [self.anchor]
 
     @classmethod
     def from_pretrained(cls, pretrained_name_or_path: str | Path, **kwargs: Any) -> PACNetPolicy:
-        """Loads what `save_pretrained` wrote, to act or to go on learning.
+        """Load what `save_pretrained` wrote, to act or to learn more.
 
         Args:
             pretrained_name_or_path: folder, or the name of a repository on the Hub.
-            kwargs: as LeRobot's policies take them.
+            kwargs: as of LeRobot's policies.
         """
         folder = Path(pretrained_name_or_path)
         if not folder.is_dir():
-            asked = {name: kwargs[name] for name in _DOWNLOAD if name in kwargs}
-            folder = Path(snapshot_download(str(pretrained_name_or_path), **asked))
+            options = {name: kwargs[name] for name in _DOWNLOAD if name in kwargs}
+            folder = Path(snapshot_download(str(pretrained_name_or_path), **options))
         policy = super().from_pretrained(folder, **kwargs)
         policy._training = Training.load(policy.config, folder)
         return policy
@@ -188,16 +188,16 @@ class PACNetPolicy(PreTrainedPolicy):
         self._batch_size = max(self._batch_size, len(index))  # the last of a pass may be short
         if training.is_finished and not was_finished:
             logger.info(
-                "%s: further steps change nothing, and what was learned is saved when training "
-                "saves; one pass is --steps=%d",
+                "%s: further steps change nothing; the result is saved with the next checkpoint; "
+                "one pass is --steps=%d",
                 training, -(-training.dataset.frames // self._batch_size),
             )  # fmt: skip
 
     def _training_of(self, meta: Any) -> Training:
-        """The training that goes on, or that begins because the dataset is another."""
+        """Return the current training; begin a new one if the dataset has changed."""
         if meta is None:
             raise ValueError(
-                "expected dataset_meta to learn with, as lerobot-train gives it, got none"
+                "expected dataset_meta to learn with, as lerobot-train passes it, got none"
             )
         if self._training is not None and self._is_current:
             return self._training
@@ -223,19 +223,19 @@ class PACNetPolicy(PreTrainedPolicy):
     def _actors_for(self, rows: int) -> list[Actor]:
         imitator = self.imitator
         if imitator is None:
-            raise ValueError("expected a taught policy to act, got one that has learned nothing")
+            raise ValueError("expected a trained policy to act, got one that has learned nothing")
         if len(self._actors) != rows:
             with torch.inference_mode(False):
                 self._actors = [Actor(imitator) for _ in range(rows)]
         return self._actors
 
     def _percepts(self, batch: dict[str, Any]) -> Tensor:
-        """Percepts `[B, D]` of a batch, float32 on the CPU."""
+        """Return the percepts `[B, D]` of a batch, float32 on the CPU."""
         features = self.config.percept_features
         rows = [_rows(batch, name, feature.shape[0]) for name, feature in features.items()]
         if len({len(row) for row in rows}) > 1:
             raise ValueError(
-                f"expected as many rows of each feature, got {[len(row) for row in rows]} "
+                f"expected equally many rows of each feature, got {[len(row) for row in rows]} "
                 f"of {list(features)}"
             )
         if len(rows[0]) == 0:
@@ -244,7 +244,7 @@ class PACNetPolicy(PreTrainedPolicy):
 
 
 def _rows(batch: dict[str, Any], name: str, dimensions: int) -> Tensor:
-    """A feature as `[B, D]`: LeRobot drops a dimension of 1, and adds one for a step of time."""
+    """Return a feature as `[B, D]`: LeRobot drops axes of length 1 and adds one for time."""
     if name not in batch:
         raise ValueError(f"expected {name!r} in the batch, got {', '.join(map(str, batch))}")
     value = batch[name]
@@ -258,6 +258,6 @@ def _check_alone() -> None:
     alone = not (distributed.is_available() and distributed.is_initialized())
     if not alone and distributed.get_world_size() > 1:
         raise ValueError(
-            f"expected one process, got {distributed.get_world_size()}: each would see a part of "
-            "the frames, and one learns them in seconds"
+            f"expected one process, got {distributed.get_world_size()}: each would get a part of "
+            "the frames, and one process learns them all in seconds"
         )

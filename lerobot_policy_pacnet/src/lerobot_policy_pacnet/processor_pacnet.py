@@ -1,7 +1,6 @@
-"""What LeRobot does to batches before and after the policy: names, batch dimension, device.
+"""LeRobot's processing of batches before and after the policy: names, batch dimension, device.
 
-The normalisers are in their usual places, where LeRobot's commands look for them by name, and
-change nothing.
+The normalisers change nothing; LeRobot's commands look for them by name.
 """
 
 from __future__ import annotations
@@ -33,14 +32,11 @@ def make_pacnet_pre_post_processors(
     PolicyProcessorPipeline[dict[str, Any], dict[str, Any]],
     PolicyProcessorPipeline[PolicyAction, PolicyAction],
 ]:
-    """The pipelines around a `PACNetPolicy`.
+    """Return the pipelines of observations and of actions around a `PACNetPolicy`.
 
     Args:
         config: of the policy.
-        dataset_stats: statistics of the dataset by feature; LeRobot passes them, nothing uses them.
-
-    Returns:
-        The pipeline of observations and the pipeline of actions.
+        dataset_stats: statistics of the dataset by feature, which LeRobot passes; not used.
     """
     norm_map, action = config.normalization_mapping, config.output_features or {}
     features = {**(config.input_features or {}), **action}

@@ -1,7 +1,7 @@
-"""The scenes of the two experiments as LeRobot evaluates policies in them.
+"""The environments of the two experiments in the form in which LeRobot evaluates policies.
 
-Observations are named as LeRobot expects, actions have the units of the datasets, and success is
-told at the end of an episode.
+Observations have the names that LeRobot expects, actions the units of the datasets, and success is
+reported at the end of an episode.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict
 
-# [pixels]; LeRobot keeps those of ten whole episodes in memory at a time.
-PICTURE = {"width": 320, "height": 176}  # whole blocks of 16, as videos want them
+# [pixels]; LeRobot keeps the pictures of ten whole episodes in memory.
+PICTURE = {"width": 320, "height": 176}  # multiples of 16, as video encoders need
 ENERGY = 0.5  # mean wall energy of an episode that is a success
-_CHECKOUT = Path(__file__).resolve().parents[3]  # if the plugin was installed from one, editable
+_CHECKOUT = Path(__file__).resolve().parents[3]  # if installed from one with `pip install -e`
 
 _Step = tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]
 
 
 class Scene(gymnasium.Env[dict[str, Any], np.ndarray]):
-    """What the scenes have in common: an environment of `envs/`, and its pictures.
+    """Base class: an environment of `envs/`, and its pictures.
 
     Args:
         scene: the environment.
         task: its name.
-        description: what there is to do, in words.
-        picture_every: steps from one new picture to the next. LeRobot asks for one at each step,
-            and drawing takes a hundred times as long as the step.
+        description: what to do, in words.
+        picture_every: steps between two rendered pictures. LeRobot asks for one at each step, but
+            rendering takes a hundred times as long as the step.
     """
 
     def __init__(self, scene: Any, task: str, description: str, picture_every: int) -> None:
@@ -42,31 +42,31 @@ class Scene(gymnasium.Env[dict[str, Any], np.ndarray]):
         self.task, self.task_description = task, description
         self._picture_every = picture_every
         self._picture: np.ndarray | None = None
-        self._asked = 0  # times for a picture since the last one was drawn
+        self._asked = 0  # number of calls since the last picture was rendered
 
     def render(self) -> np.ndarray | None:
-        """Draws the scene (height, width, 3) uint8, or gives the last picture once more."""
+        """Return a picture (height, width, 3) uint8, a new one every `picture_every` calls."""
         if self._picture is None or self._asked >= self._picture_every:
             self._picture, self._asked = self.scene.render(), 0
         self._asked += 1
         return self._picture
 
     def close(self) -> None:
-        """Frees the simulation."""
+        """Free the simulation."""
         self.scene.close()
 
     def _begin(self, **options: Any) -> Any:
-        """Resets the environment, and returns what is perceived."""
+        """Reset the environment and return the observation."""
         self._picture = None
         return self.scene.reset(**options)[0]
 
 
 class PosturalScene(Scene):
-    """An imitator watches a demonstrator and acts; see `envs.postural_imitation`.
+    """An imitator observes a demonstrator and acts; see `envs.postural_imitation`.
 
     Observation: ``agent_pos`` (22,) the demonstrator's perceived angles [rad] and velocities
-    [rad/s], ``environment_state`` (6,) its glass. Action: joint angles (11,) [rad]. Success: at the
-    end the imitator's own glass has been where the behaviour wants it, and stands in its place.
+    [rad/s], ``environment_state`` (6,) its glass. Action: joint angles (11,) [rad]. Success: the
+    imitator's glass went where the behaviour takes it and ends in its initial place.
 
     Args:
         behaviour: "drink", "toast" or "move".
@@ -99,20 +99,20 @@ class PosturalScene(Scene):
         self,
         *,
         seed: int | None = None,
-        options: dict[str, Any] | None = None,  # noqa: ARG002  LeRobot's own, not the scene's
+        options: dict[str, Any] | None = None,  # noqa: ARG002  these are LeRobot's, not the scene's
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begins an episode that the seed decides."""
+        """Begin an episode; the seed determines it."""
         return _named(self._begin(seed=seed)), {"is_success": False}
 
     def step(self, action: np.ndarray) -> _Step:
-        """Runs one control step of 20 ms towards joint angles (11,) [rad]."""
+        """Run one control step of 20 ms towards joint angles (11,) [rad]."""
         observation, reward, terminated, truncated, info = self.scene.step_to(action)
         success = bool(truncated and info["is_success"])
         return _named(observation), reward, terminated, truncated, {"is_success": success}
 
 
 class WallScene(Scene):
-    """A robot beside a wall, on the left or on the right, is to follow it; see `envs`.
+    """A robot follows a wall on its left or right side; see `envs.wall_following`.
 
     Observation: ``agent_pos`` (6,) infra-red readings. Action: wheel speeds (2,) as shares of
     0.12 m/s. Success: at the end the mean wall energy is at least 0.5.
@@ -145,9 +145,9 @@ class WallScene(Scene):
         self,
         *,
         seed: int | None = None,
-        options: dict[str, Any] | None = None,  # noqa: ARG002  LeRobot's own, not the scene's
+        options: dict[str, Any] | None = None,  # noqa: ARG002  these are LeRobot's, not the scene's
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begins an episode; the seed decides place and side."""
+        """Begin an episode; the seed determines place and side."""
         super().reset(seed=seed)
         side = ("left", "right")[int(self.np_random.integers(2))]
         place = int(self.np_random.integers(2**31))
@@ -156,7 +156,7 @@ class WallScene(Scene):
         return {"agent_pos": readings}, {"is_success": False}
 
     def step(self, action: np.ndarray) -> _Step:
-        """Runs one control step of 0.1 s at wheel speeds (2,), clipped to the shares there are."""
+        """Run one control step of 0.1 s at wheel speeds (2,), clipped to [-1, 1]."""
         readings, energy, terminated, _, _ = self.scene.step(np.clip(action, -1, 1))
         self._energies.append(energy)
         truncated = len(self._energies) >= self._episode_steps
@@ -172,10 +172,10 @@ def _named(observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _module(name: str) -> ModuleType:
-    """A module of the repository's `envs/`, which no wheel holds: a checkout has it.
+    """Import a module of the repository's `envs/`, which wheels do not contain.
 
     Raises:
-        ModuleNotFoundError: there is no checkout, or MuJoCo is not installed.
+        ModuleNotFoundError: no checkout of the repository, or MuJoCo is not installed.
     """
     if not _is_there(name):
         if not (_CHECKOUT / "envs" / "postural_imitation.py").is_file():
@@ -188,8 +188,8 @@ def _module(name: str) -> ModuleType:
         return import_module(name)
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            f"expected what pacnet's scenes need, got {error}: `pip install -e '.[experiments]'` "
-            "in the checkout"
+            f"expected the packages of pacnet's scenes, got {error}: install them with "
+            "`pip install -e '.[experiments]'` in the checkout"
         ) from error
 
 

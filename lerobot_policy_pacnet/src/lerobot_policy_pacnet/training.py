@@ -1,8 +1,8 @@
-"""Learning a dataset whose frames come shuffled: what is learned is the dataset in its own order.
+"""Learning from shuffled batches with the same result as from the dataset in its own order.
 
-The network learns by watching demonstrations, each frame after the one before, in one pass. So a
-frame out of LeRobot's shuffled batches is only kept, and now and then the imitator of before this
-dataset watches all that was kept. After one pass that is the dataset, whatever the order was.
+The network learns whole demonstrations, frame by frame, in one pass. So the frames of LeRobot's
+shuffled batches are only collected. From time to time the imitator from before this dataset learns
+all frames collected so far, in order; after one pass that is the whole dataset.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.imitator.imitator import Imitator
 
 IMITATOR, BASE, STATE = "imitator", "base", "training.safetensors"  # in a checkpoint's folder
-ENOUGH = 256  # frames before which nothing is learned, unless they are all there are
+ENOUGH = 256  # frames to collect before learning begins, unless the dataset has fewer
 
 
 class Training:
-    """The training of one dataset.
+    """The training on one dataset.
 
     Args:
         config: of the policy.
-        dataset: that is learned.
-        base: what was known before, or None.
-        known: digests of the demonstrations that are known; they are not learned again.
+        dataset: to learn.
+        base: the imitator from before this dataset, or None.
+        known: digests of demonstrations already learned; they are not learned again.
 
     Attributes:
-        imitator: what is known now, or None.
-        is_finished: whether the whole dataset is; its frames are not kept any more then.
+        imitator: what has been learned so far, or None.
+        is_finished: whether the whole dataset was learned; its frames are dropped then.
 
     Raises:
-        ValueError: the dataset has other features or another rate than what was learned before,
-            or the settings are others.
+        ValueError: the dataset has other features or another rate than `base`, or the config has
+            other settings.
     """
 
     def __init__(
@@ -57,17 +57,17 @@ class Training:
         self.imitator = base
         self.is_finished = False
         self.frames = Frames(dataset.frames, dataset.percept_dimensions, dataset.action_dimensions)
-        self._learned = self._tried = 0  # frames
+        self._learned = self._tried = 0  # numbers of frames
         if base is not None:
             _check_settings(config, base)
-            copy.deepcopy(base).learn(self._demonstrations(()))  # refuses other features
+            copy.deepcopy(base).learn(self._demonstrations(()))  # checks its features
 
     def __str__(self) -> str:
-        """How far it is."""
-        source, all_of_them = self.dataset.source, self.dataset.frames
+        """Return how much was learned, for the log."""
+        source, total = self.dataset.source, self.dataset.frames
         if self.is_finished:
-            return f"what was learned from all {all_of_them} frames of {source}"
-        return f"what was learned from {self._learned} of the {all_of_them} frames of {source}"
+            return f"what was learned from all {total} frames of {source}"
+        return f"what was learned from {self._learned} of the {total} frames of {source}"
 
     def add(
         self,
@@ -77,38 +77,38 @@ class Training:
         actions: Tensor,
         tasks: list[str],
     ) -> None:
-        """Keeps a batch of frames, and learns when there are twice as many as the last time.
+        """Add a batch of frames; learn whenever their number has doubled.
 
-        The arguments and errors are those of `Frames.add`; once the dataset is learned, frames of
-        it change nothing.
+        Arguments and errors are those of `Frames.add`. Once the dataset is learned, further frames
+        change nothing.
         """
         if self.is_finished:
             return
         self.frames.add(index, episode, percepts, actions, tasks)
-        if self.frames.are_all:
+        if self.frames.is_complete:
             self.consolidate()
         elif self._learns_from_parts and len(self.frames) >= max(ENOUGH, 2 * self._tried):
-            with suppress(ValueError):  # there may be enough to learn from later
+            with suppress(ValueError):  # more frames may be enough
                 self.consolidate()
 
     @property
     def _learns_from_parts(self) -> bool:
-        """Whether a frame says something without its neighbours: its action does."""
+        """Whether frames can be learned before their neighbours were added."""
         return self.config.targets == "action"
 
     def consolidate(self) -> None:
-        """Makes the imitator what the base becomes by watching all that came, in order.
+        """Let a copy of the base learn all frames added so far, in order; it becomes the imitator.
 
-        Where targets are states, that is once all frames have come: which state followed which
-        action cannot be seen before.
+        With states as targets this waits for the last frame: before it, the state that follows an
+        action may be missing.
 
         Raises:
-            ValueError: nothing can be learned from that; the imitator is what it was.
+            ValueError: these frames cannot be learned; the imitator has not changed.
         """
         count = len(self.frames)
         if self.is_finished or count == self._learned:
             return
-        if not (self._learns_from_parts or self.frames.are_all):
+        if not (self._learns_from_parts or self.frames.is_complete):
             return
         self._tried = count
         state = len(next(iter(self.dataset.names.values())))
@@ -121,21 +121,21 @@ class Training:
             imitator = copy.deepcopy(self.base)
         imitator.learn(new)
         self.imitator, self._learned = imitator, count
-        if self.frames.are_all:
+        if self.frames.is_complete:
             self.known = self.contents()
             self.base, self.is_finished = None, True
             self.frames = Frames(0, 0, 0)
 
     def contents(self) -> frozenset[str]:
-        """Digests of all demonstrations that the imitator knows."""
+        """Return digests of all demonstrations that the imitator knows."""
         state = len(next(iter(self.dataset.names.values())))
         return self.known | {content_of(one) for one in self.frames.episodes(state)}
 
     def save(self, folder: Path) -> None:
-        """Writes the imitator into a folder of its own, and what it takes to go on.
+        """Write the imitator to a folder of its own, and all that is needed to continue.
 
         Args:
-            folder: of the checkpoint, which is there.
+            folder: of the checkpoint; it exists.
         """
         from safetensors.torch import save
 
@@ -157,10 +157,10 @@ class Training:
 
     @classmethod
     def load(cls, config: PACNetConfig, folder: Path) -> Training | None:
-        """Reads what `save` wrote; None if there is nothing.
+        """Return what `save` wrote; None if there is nothing.
 
         Raises:
-            ValueError: a damaged file, or settings other than those it was learned with.
+            ValueError: a damaged file, or other settings than those it was learned with.
         """
         from safetensors import safe_open
 
