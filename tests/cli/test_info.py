@@ -1,0 +1,84 @@
+"""`pacnet info` describes every kind of checkpoint."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import PROJECT, STATE, SURROUNDINGS, rows_under, run, taught, value_of
+from safetensors.torch import load_file
+
+from pacnet.datasets.demonstrations import load_demonstrations
+
+
+def test_info_prints_what_was_learned(
+    dataset: Path, imitator: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert run("info", imitator) == 0
+    out = capsys.readouterr().out
+    known = taught(dataset)
+    assert "Imitator" in value_of("checkpoint", out)
+    assert value_of("percept", out) == "3 dimensions at 20 frames per second"
+    assert value_of("action", out) == "right, up"
+    assert value_of("behaviours", out) == "drink, wave"
+    assert int(value_of("nodes", out)) == len(known.network.sofm)
+    scale = known.network.sofm.scale.tolist()
+    assert rows_under("feature", out)[:3] == [
+        [feature, name, f"{factor:.4g}"]
+        for feature, name, factor in zip(
+            (STATE, STATE, SURROUNDINGS), ("x", "y", "z"), scale, strict=True
+        )
+    ]
+    assert [row[:3] for row in rows_under("dataset", out)] == [
+        ["shown", str(number), task] for number, task in enumerate(("drink", "wave") * 3)
+    ]
+
+
+def test_info_as_json_has_the_same(
+    dataset: Path, imitator: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert run("info", imitator, "--json") == 0
+    document = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    known = taught(dataset)
+    assert document["kind"] == "Imitator"
+    assert document["behaviours"] == ["drink", "wave"]
+    assert document["action"] == ["right", "up"]
+    assert (document["fps"], document["targets_are"], document["lead"]) == (20, "action", None)
+    assert document["nodes"] == len(known.network.sofm)
+    assert document["targets"] == int(known.network.schemas.lengths.sum())
+    assert list(document["percept"][STATE]) == ["x", "y"]
+    assert document["percept"][SURROUNDINGS]["z"] == float(known.network.sofm.scale[2])
+    assert [report["episode"] for report in document["reports"]] == list(range(6))
+    assert document["reports"][0]["max_novelty"] is None
+    assert document["bytes"] == sum(file.stat().st_size for file in imitator.iterdir())
+    first = np.mean([shown.action[0].numpy() for shown in load_demonstrations(dataset)], axis=0)
+    assert document["first_action"] == pytest.approx(first, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in (PROJECT / "checkpoints").iterdir()))
+def test_info_describes_every_shipped_checkpoint(name: str, capsys: pytest.CaptureFixture[str]):
+    folder = PROJECT / "checkpoints" / name
+    fields = json.loads((folder / "config.json").read_text())["config"]
+    assert run("info", folder, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["kind"] == fields.get("model", "PACNet")
+    tensors = load_file(folder / "model.safetensors")
+    if document["kind"] == "PACNet":
+        assert document["nodes"] == len(tensors["sofm.nodes.prototype"])
+        assert document["targets"] == len(tensors["schemas.pool.target"])
+    else:
+        assert document["numbers"] == sum(tensor.numel() for tensor in tensors.values())
+    assert run("info", folder) == 0
+    assert document["kind"] in value_of("checkpoint", capsys.readouterr().out)
+
+
+def test_commands_find_the_imitator_of_a_policy(
+    imitator: Path, dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    shutil.copytree(imitator, tmp_path / "policy" / "imitator")
+    (tmp_path / "policy" / "config.json").write_text('{"type": "pacnet"}')
+    (tmp_path / "policy" / "model.safetensors").write_bytes(b"of the policy")
+    assert run("info", tmp_path / "policy") == 0
+    assert "Imitator" in value_of("checkpoint", capsys.readouterr().out)
+    assert run("watch", tmp_path / "policy", dataset) == 0
