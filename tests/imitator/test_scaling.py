@@ -1,4 +1,4 @@
-"""Claims about the scale that is taken from demonstrations."""
+"""The scale of percepts, chosen from demonstrations."""
 
 import math
 
@@ -23,7 +23,7 @@ def test_dimensions_are_measured_in_units_of_their_noise():
     assert scaling.scale[1] / scaling.scale[0] == pytest.approx(5, rel=0.05)
 
 
-def test_what_only_trembles_counts_for_little():
+def test_a_dimension_that_is_mostly_noise_counts_for_little():
     scaling = noise_scaling([moving(noise=(0.05, 0.05), spread=(1.0, 0.0))])
     percepts = moving(noise=(0.05, 0.05), spread=(1.0, 0.0), seed=1) * torch.tensor(scaling.scale)
     assert percepts[:, 1].var() < 0.01 * percepts[:, 0].var()
@@ -43,7 +43,7 @@ def test_the_length_of_the_noise():
     assert scaling.noise == pytest.approx(math.sqrt(2) / math.sqrt(101 + 401), rel=0.05)
 
 
-def test_a_jump_in_the_recording_is_no_noise():
+def test_a_jump_in_the_recording_is_not_noise():
     episode = moving((0.05,), (1.0,))
     jumped = episode.clone()
     jumped[2000:] += 0.5
@@ -52,7 +52,7 @@ def test_a_jump_in_the_recording_is_no_noise():
     assert jumpy.scale[0] == pytest.approx(calm.scale[0] * ratio, rel=1e-3)
 
 
-def test_without_noise_a_dimension_counts_by_its_spread():
+def test_without_noise_a_dimension_is_scaled_by_its_spread():
     scaling = noise_scaling([moving(noise=(0.0, 0.0), spread=(1.0, 100.0))])
     assert scaling.scale[0] == pytest.approx(100 * scaling.scale[1], rel=1e-3)
 
@@ -64,13 +64,13 @@ def test_a_dimension_that_never_changes_gets_the_median_factor():
 
 
 @pytest.mark.parametrize("frames", [1, 2])
-def test_episodes_too_short_to_tell_noise_from_movement(frames: int):
+def test_episodes_too_short_to_measure_noise(frames: int):
     episodes = [torch.full((frames, 1), float(number)) for number in range(3)]
     # Means are 0, 1, 2, a standard deviation of sqrt(2 / 3).
     assert noise_scaling(episodes).scale == pytest.approx((math.sqrt(1.5),))
 
 
-def test_what_cannot_be_scaled_is_refused():
+def test_constant_percepts_and_no_episodes_are_refused():
     with pytest.raises(ValueError, match="at least one episode"):
         noise_scaling([])
     with pytest.raises(ValueError, match="expected percepts that change"):

@@ -36,7 +36,7 @@ EPISODES = 10 if OLD else 50  # 0.4.4 takes twice as long
 JOINTS = ("shoulder.pos", "elbow.pos")
 
 FAKE_ROBOT = '''
-"""A robot of two joints that are at once where they are told to be, for `--robot.type=fake`."""
+"""A robot of two joints that reach every command at once, for `--robot.type=fake`."""
 
 import json
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ class FakeRobot(Robot):
 
     def __init__(self, config):
         super().__init__(config)
-        self.log, self.at, self.told = config.log, dict.fromkeys(JOINTS, 0.0), []
+        self.log, self.at, self.commands = config.log, dict.fromkeys(JOINTS, 0.0), []
 
     def connect(self, calibrate=True):
         self.is_connected = True
@@ -78,13 +78,13 @@ class FakeRobot(Robot):
 
     def send_action(self, action):
         self.at = {name: float(action[name]) for name in JOINTS}
-        self.told.append(list(self.at.values()))
+        self.commands.append(list(self.at.values()))
         return action
 
     def disconnect(self):
         self.is_connected = False
         with open(self.log, "w") as file:
-            json.dump(self.told, file)
+            json.dump(self.commands, file)
 '''
 
 
@@ -241,7 +241,7 @@ def test_a_robot_is_driven(where: Path):
     time_ = np.arange(0, 3, 1 / 30)
     path = np.stack([np.sin(2 * time_), 1 - np.cos(2 * time_)], axis=1).astype(np.float32)
     rng = np.random.default_rng(0)
-    dataset, output, log = where / "circling", where / "circles", where / "told.json"
+    dataset, output, log = where / "circling", where / "circles", where / "commands.json"
     with Recorder(dataset, 30, {"observation.state": JOINTS, "action": JOINTS}) as recorder:
         for _ in range(5):
             seen = path + 0.01 * rng.standard_normal(path.shape).astype(np.float32)
@@ -271,10 +271,10 @@ def test_a_robot_is_driven(where: Path):
     else:
         alone = ("--task=circle", "--fps=30", "--duration=3", "--return_to_initial_position=false")
         run("rollout", policy, *robot, *alone, where=where)
-    told = np.array(json.loads(log.read_text()))
-    off = np.linalg.norm(told[:, None] - path, axis=2).min(axis=1)
+    commands = np.array(json.loads(log.read_text()))
+    off = np.linalg.norm(commands[:, None] - path, axis=2).min(axis=1)
     assert off.max() < 0.1
-    assert np.ptp(told, axis=0).min() > 0.9 * np.ptp(path, axis=0).min()
+    assert np.ptp(commands, axis=0).min() > 0.9 * np.ptp(path, axis=0).min()
 
 
 def test_the_plugin_is_imported_without_a_simulator():

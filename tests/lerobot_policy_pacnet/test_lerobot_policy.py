@@ -24,13 +24,14 @@ from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.training import ENOUGH
 
 from lerobot_policy_pacnet import PACNetConfig, PACNetEnv, PACNetPolicy, scenes
+from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.imitator import Imitator, ImitatorStep
 
 STATE, GLASS, ACTION = "observation.state", "observation.environment_state", "action"
 NAMES = {STATE: ("shoulder.pos", "elbow.pos"), GLASS: ("glass",), ACTION: ("shoulder", "elbow")}
 FPS = 20
-FAR = torch.tensor([[30.0, 30.0]])  # a state that nobody has shown
+FAR = torch.tensor([[30.0, 30.0]])  # a state far from all demonstrations
 
 
 def waves(seed: int, count: int = 3, length: int = 120, names: dict = NAMES) -> Demonstrations:
@@ -125,7 +126,7 @@ def learn(policy: PACNetPolicy, seen: Iterator[dict]) -> list[float]:
     return losses
 
 
-def taught(dataset: Demonstrations) -> PACNetPolicy:
+def trained(dataset: Demonstrations) -> PACNetPolicy:
     policy = policy_for(dataset)
     learn(policy, batches(dataset, 0, 64))
     return policy.eval()
@@ -167,7 +168,7 @@ def dataset() -> Demonstrations:
 
 @pytest.fixture(scope="module")
 def policy(dataset: Demonstrations) -> PACNetPolicy:
-    return taught(dataset)
+    return trained(dataset)
 
 
 @pytest.mark.parametrize(("seed", "size"), [(0, 1), (1, 64), (2, 1000)])
@@ -200,7 +201,7 @@ def test_nothing_is_learned_while_evaluating(dataset: Demonstrations):
     assert policy.imitator is None
 
 
-def test_what_came_is_learned_before_it_is_judged(dataset: Demonstrations):
+def test_collected_frames_are_learned_before_evaluation(dataset: Demonstrations):
     policy = policy_for(dataset)
     policy.forward(next(batches(dataset, 0, 100)))
     assert policy.imitator is None
@@ -216,9 +217,9 @@ def test_a_resumed_training_ends_like_an_uninterrupted_one(dataset: Demonstratio
     assert_same(policy.imitator, learned_in_order(dataset))
 
 
-def test_another_dataset_is_added_to_what_was_learned(dataset: Demonstrations, tmp_path: Path):
+def test_a_second_dataset_adds_to_the_first(dataset: Demonstrations, tmp_path: Path):
     second = waves(2)
-    policy = reloaded(taught(dataset), tmp_path / "first", second)
+    policy = reloaded(trained(dataset), tmp_path / "first", second)
     seen = list(batches(second, 0, 40))
     learn(policy, iter(seen[:5]))
     policy = reloaded(policy, tmp_path / "between", second)
@@ -229,11 +230,11 @@ def test_another_dataset_is_added_to_what_was_learned(dataset: Demonstrations, t
     )
 
 
-def test_what_was_learned_is_not_learned_again_when_a_dataset_has_grown(
+def test_of_a_dataset_that_has_grown_only_new_episodes_are_learned(
     dataset: Demonstrations, tmp_path: Path
 ):
     grown = joined(dataset, waves(2, count=1))
-    policy = reloaded(taught(dataset), tmp_path, grown)
+    policy = reloaded(trained(dataset), tmp_path, grown)
     learn(policy, batches(grown, 0, 40))
     expected = learned_in_order(dataset)
     expected.learn(Demonstrations(FPS, NAMES, grown.episodes[-1:], grown.source))
@@ -251,9 +252,7 @@ def test_states_are_learned_as_targets(tmp_path: Path):
         reloaded(policy, tmp_path, waves(2))
 
 
-def test_what_follows_what_is_not_learned_from_a_part_of_the_frames(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-):
+def test_state_targets_wait_for_all_frames(tmp_path: Path, caplog: pytest.LogCaptureFixture):
     dataset = waves(1, count=4)
     policy = PACNetPolicy(config_of(targets="state", lead=2), dataset_meta=meta_of(dataset))
     learn(policy, list(batches(dataset, 0, 64))[:-1])
@@ -266,11 +265,11 @@ def test_what_follows_what_is_not_learned_from_a_part_of_the_frames(
 
 def test_other_features_and_rates_are_refused_at_once(dataset: Demonstrations, tmp_path: Path):
     others = waves(2, names={**NAMES, STATE: ("elbow.pos", "shoulder.pos")})
-    policy = reloaded(taught(dataset), tmp_path, others)
+    policy = reloaded(trained(dataset), tmp_path, others)
     with pytest.raises(ValueError, match=r"expected 'observation\.state' with the dimensions"):
         learn(policy, batches(others, 0, 4))
     faster = Demonstrations(FPS + 1, NAMES, waves(2).episodes, "faster")
-    policy = reloaded(taught(dataset), tmp_path, faster)
+    policy = reloaded(trained(dataset), tmp_path, faster)
     with pytest.raises(ValueError, match="20 frames per second"):
         learn(policy, batches(faster, 0, 4))
 
@@ -298,7 +297,7 @@ def test_numbers_that_are_not_finite_are_refused_by_their_index(dataset: Demonst
     assert policy.eval().imitator is None
 
 
-def test_images_are_refused_with_what_to_do():
+def test_images_are_refused_with_a_remedy():
     config = config_of()
     config.input_features["observation.images.top"] = PolicyFeature(FeatureType.VISUAL, (3, 8, 8))
     with pytest.raises(ValueError, match=r"images 'observation\.images\.top'.*encoder") as refused:
@@ -352,7 +351,22 @@ def test_a_checkpoint_is_json_and_safetensors(
     assert torch.equal(action, policy.select_action(percept(dataset.episodes[0].state[50])))
 
 
-def test_an_untaught_policy_does_not_act():
+def test_a_policy_saved_by_version_0_1_loads_under_the_new_names(
+    policy: PACNetPolicy, dataset: Demonstrations, tmp_path: Path
+):
+    policy.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path / "imitator")
+    fields["lessons"] = fields.pop("reports")
+    for lesson in fields["lessons"]:
+        lesson["unfamiliar"] = lesson.pop("max_novelty")
+    for name in [name for name in tensors if name.startswith("novelty_detector.")]:
+        old = name.replace("novelty_detector", "familiarity").replace("typical_deviation", "usual")
+        tensors[old] = tensors.pop(name)
+    write_checkpoint(tmp_path / "imitator", fields, tensors)
+    assert_same(PACNetPolicy.from_pretrained(tmp_path).imitator, learned_in_order(dataset))
+
+
+def test_an_untrained_policy_does_not_act():
     with pytest.raises(ValueError, match="expected a trained policy"):
         PACNetPolicy(config_of()).select_action(percept([0.0, 0.0]))
 
@@ -395,7 +409,7 @@ def test_a_chunk_is_one_action(policy: PACNetPolicy, dataset: Demonstrations):
     assert torch.equal(policy.predict_action_chunk(seen), action[:, None])
 
 
-def test_it_holds_where_all_is_new(policy: PACNetPolicy, dataset: Demonstrations):
+def test_it_holds_at_novel_percepts(policy: PACNetPolicy, dataset: Demonstrations):
     policy.reset()
     mean_first = torch.stack([one.action[0] for one in dataset]).mean(dim=0)
     torch.testing.assert_close(policy.select_action(percept(FAR))[0], mean_first)
@@ -408,7 +422,7 @@ def test_it_holds_where_all_is_new(policy: PACNetPolicy, dataset: Demonstrations
         assert torch.equal(policy.select_action(percept(FAR)), last)
     assert policy.last_steps[0].is_novel
     known = {STATE: shown.percepts[60:61, :2], GLASS: shown.percepts[60:61, 2:]}
-    for _ in range(60):  # nobody answered: it does not set in halfway through
+    for _ in range(60):  # it does not resume in the middle of an episode
         assert torch.equal(policy.select_action(known), last)
     assert not policy.last_steps[0].is_novel
     policy.reset()
@@ -418,7 +432,7 @@ def test_it_holds_where_all_is_new(policy: PACNetPolicy, dataset: Demonstrations
 
 def test_a_robot_holds_still_before_its_first_action():
     joints = ("shoulder.pos", "elbow.pos")
-    policy = taught(waves(0, names={**NAMES, STATE: joints, ACTION: joints}))
+    policy = trained(waves(0, names={**NAMES, STATE: joints, ACTION: joints}))
     assert torch.equal(policy.select_action(percept(FAR)), FAR)
 
 
@@ -431,7 +445,7 @@ def test_a_robot_whose_state_says_more_than_is_commanded_holds_still_too():
         replace(one, state=torch.cat([one.state[:, :1].cos(), one.state], dim=1))
         for one in waves(0)
     )
-    policy = taught(Demonstrations(FPS, names, shown, "three"))
+    policy = trained(Demonstrations(FPS, names, shown, "three"))
     held = policy.select_action(percept(torch.tensor([9.0, 30.0, 20.0])))
     assert held.tolist() == [[20.0, 30.0]]
 
@@ -443,30 +457,30 @@ def test_a_robot_whose_state_says_more_than_is_commanded_holds_still_too():
         "ee.gripper_vel", "delta_x", "ee.delta_yaw", "vel",
     ],
 )  # fmt: skip
-def test_what_would_move_a_robot_on_is_told_by_its_name(name: str):
+def test_speeds_and_displacements_are_recognised_by_name(name: str):
     assert MOVING.search(name)
 
 
 @pytest.mark.parametrize(
     "name", ["shoulder.pos", "level", "gripper", "velvet.pos", "x", "vy.pos", "delta"]
 )
-def test_what_would_not_is_repeated(name: str):
+def test_other_actions_are_repeated(name: str):
     assert not MOVING.search(name)
 
 
-def test_numbers_are_no_names_that_say_where_a_robot_is():
+def test_numbers_as_names_do_not_match_states_with_actions():
     names = {**NAMES, STATE: ("0", "1"), ACTION: ("0", "1")}
     dataset = waves(0, names=names)
-    policy = taught(dataset)
+    policy = trained(dataset)
     mean_first = torch.stack([one.action[0] for one in dataset]).mean(dim=0)
     torch.testing.assert_close(policy.select_action(percept(FAR))[0], mean_first)
 
 
-def test_before_its_first_action_wheels_do_not_turn_though_nothing_is_new_yet(
+def test_wheels_do_not_turn_before_the_first_action(
     monkeypatch: pytest.MonkeyPatch,
 ):
     joints = ("arm.pos", "wheel.vel")
-    policy = taught(waves(0, names={**NAMES, STATE: joints, ACTION: joints}))
+    policy = trained(waves(0, names={**NAMES, STATE: joints, ACTION: joints}))
     step = Imitator.step
     monkeypatch.setattr(Imitator, "step", lambda *rest: step(*rest)._replace(action=None))
     row = waves(0).episodes[0].percepts[20]
@@ -475,7 +489,7 @@ def test_before_its_first_action_wheels_do_not_turn_though_nothing_is_new_yet(
     assert action.tolist() == [float(row[0]), 0.0]
 
 
-def test_names_with_their_places_are_understood():
+def test_names_given_with_their_indices_are_read():
     features = meta_of(waves(0)).features
     features[ACTION]["names"] = {"delta_y": 1, "delta_x": 0}  # as of gamepads and keyboards
     meta = SimpleNamespace(**{**vars(meta_of(waves(0))), "features": features})
@@ -483,9 +497,9 @@ def test_names_with_their_places_are_understood():
     assert described.names[ACTION] == ("delta_x", "delta_y")
 
 
-def test_a_robot_with_wheels_stops_where_all_is_new():
+def test_a_robot_with_wheels_stops_at_novel_percepts():
     names = {**NAMES, ACTION: ("arm.pos", "wheel.vel")}
-    policy = taught(waves(0, names=names))
+    policy = trained(waves(0, names=names))
     shown = waves(0).episodes[0]
     assert float(policy.select_action(percept(FAR))[0, 1]) == 0  # before its first action, too
     policy.reset()
@@ -498,8 +512,8 @@ def test_a_robot_with_wheels_stops_where_all_is_new():
     assert policy.select_action(percept(FAR))[0].tolist() == [float(last[0]), 0]
 
 
-def test_a_robot_with_wheels_goes_on_where_it_knows_of_no_action(monkeypatch: pytest.MonkeyPatch):
-    policy = taught(waves(0, names={**NAMES, ACTION: ("arm.pos", "wheel.vel")}))
+def test_a_robot_with_wheels_continues_where_nothing_is_recalled(monkeypatch: pytest.MonkeyPatch):
+    policy = trained(waves(0, names={**NAMES, ACTION: ("arm.pos", "wheel.vel")}))
     shown = waves(0).episodes[0]
     for row in shown.percepts[:60]:
         last = policy.select_action({STATE: row[None, :2], GLASS: row[None, 2:]})
@@ -510,7 +524,7 @@ def test_a_robot_with_wheels_goes_on_where_it_knows_of_no_action(monkeypatch: py
     assert not policy.last_steps[0].is_novel
 
 
-def test_it_asks_where_all_is_new(policy: PACNetPolicy):
+def test_it_asks_at_novel_percepts(policy: PACNetPolicy):
     policy = copy.deepcopy(policy)
     policy.reset()
     asked = []
@@ -532,15 +546,15 @@ def test_it_asks_where_all_is_new(policy: PACNetPolicy):
 
 def test_acting_leaves_nothing_of_the_imitator_in_the_module(dataset: Demonstrations):
     """LeRobot saves, moves and casts what is there, and sets it to evaluate."""
-    policy = taught(dataset)
+    policy = trained(dataset)
     policy.select_action(percept(FAR))
     assert list(policy.state_dict()) == ["anchor"]
     assert list(policy.modules()) == [policy]
     assert policy.eval().imitator.training
 
 
-def test_what_is_learned_by_a_correction_is_done_in_the_next_episode(dataset: Demonstrations):
-    policy, shown = taught(dataset), dataset.episodes[0]
+def test_a_correction_takes_effect_in_the_next_episode(dataset: Demonstrations):
+    policy, shown = trained(dataset), dataset.episodes[0]
     there = replace(shown, state=shown.state + 30, action=shown.action + 30)
     seen = percept(there.state[0], float(there.environment_state[0]))
     policy.reset()
@@ -555,8 +569,8 @@ def test_what_is_learned_by_a_correction_is_done_in_the_next_episode(dataset: De
     assert float((action - there.action[59]).abs().max()) < 0.2
 
 
-def test_a_correction_during_an_episode_moves_nobody_who_holds(dataset: Demonstrations):
-    policy, shown = taught(dataset), dataset.episodes[0]
+def test_a_correction_during_an_episode_does_not_end_holding(dataset: Demonstrations):
+    policy, shown = trained(dataset), dataset.episodes[0]
     for row in shown.percepts[:60]:
         policy.select_action(percept(row[:2], float(row[2])))
     for _ in range(60):
@@ -568,7 +582,7 @@ def test_a_correction_during_an_episode_moves_nobody_who_holds(dataset: Demonstr
 
 
 def test_an_episode_may_begin_in_inference_mode(dataset: Demonstrations):
-    policy = taught(dataset)
+    policy = trained(dataset)
     with torch.inference_mode():
         policy.reset()
         policy.select_action(percept(FAR))
@@ -577,8 +591,8 @@ def test_an_episode_may_begin_in_inference_mode(dataset: Demonstrations):
 
 
 def test_it_is_ready_when_an_episode_begins(dataset: Demonstrations):
-    """What is laid out at a first step takes no time in a control loop."""
-    policy = taught(dataset)
+    """What the first step computes must not delay a control loop."""
+    policy = trained(dataset)
     policy.reset()
     (actor,) = policy._actors
     assert actor.imitator.network.schemas._timeline is not None
@@ -589,7 +603,7 @@ def test_mixed_precision_learns_the_same(dataset: Demonstrations):
     policies = [policy_for(dataset) for _ in range(2)]
     with torch.autocast("cpu", dtype=torch.bfloat16):
         learn(policies[0], iter(half))
-        policies[0].eval()  # which learns what came, as LeRobot's evaluation during training has it
+        policies[0].eval()  # which learns the frames collected so far
     learn(policies[1], iter(half))
     assert_same(policies[0].imitator, policies[1].eval().imitator)
 
@@ -604,7 +618,7 @@ def test_states_as_targets_are_learned_the_same_in_mixed_precision():
     assert_same(policy.imitator, expected)
 
 
-def test_the_steps_of_a_pass_are_told(dataset: Demonstrations, caplog: pytest.LogCaptureFixture):
+def test_the_steps_of_a_pass_are_logged(dataset: Demonstrations, caplog: pytest.LogCaptureFixture):
     caplog.set_level("INFO")
     learn(policy_for(dataset), batches(dataset, 0, 64))  # 390 frames: six batches and six frames
     assert "one pass is --steps=7" in caplog.text
@@ -662,16 +676,16 @@ def test_environments_are_what_their_config_says(task: str):
 
 
 @pytest.mark.parametrize("task", ["Drink-v0", "Toast-v0", "Move-v0"])
-def test_success_is_told_at_the_end(task: str):
+def test_success_is_reported_at_the_end(task: str):
     pytest.importorskip("dm_control")
     environment = gymnasium.make(f"gym_pacnet/{task}")
     environment.reset(seed=0)
-    told, truncated = [], False
+    successes, truncated = [], False
     while not truncated:  # the demonstrator's own aims, one step late
         *_, truncated, info = environment.step(environment.unwrapped.scene.demonstrator_target)
-        told.append(info["is_success"])
-    assert told[-1] is True
-    assert not any(told[:-1])
+        successes.append(info["is_success"])
+    assert successes[-1] is True
+    assert not any(successes[:-1])
     environment.close()
 
 
@@ -699,7 +713,7 @@ def test_without_a_checkout_there_is_one_clear_line(
 ):
     monkeypatch.setattr(scenes, "_CHECKOUT", tmp_path)
     with pytest.raises(ModuleNotFoundError, match=r"expected pacnet's scenes.*in a checkout"):
-        scenes._module("scenes_of_nobody.postural_imitation")
+        scenes._module("missing_scenes.postural_imitation")
 
 
 def test_a_picture_is_drawn_now_and_then():
