@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> None:
     columns = column_names(imitator.network.behaviours, imitator.percept_names)
     check_annotatable(arguments.dataset, columns)
     episodes = replay(imitator, demonstrations)
-    values = (column_values(episode.watched.recognition) for episode in episodes)
+    values = (column_values(episode.recognized.recognition) for episode in episodes)
     write_annotated(arguments.dataset, arguments.out, columns, values)
     print_pairs(
         [

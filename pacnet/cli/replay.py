@@ -13,7 +13,7 @@ from torch import Tensor
 from pacnet.cli.printing import progress_bar
 from pacnet.competition.recognition import Recognition
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
-from pacnet.evaluation.recognised import Watched, joined
+from pacnet.evaluation.recognized import RecognizedEpisode, concatenate
 from pacnet.imitator.imitator import Imitator
 from pacnet.imitator.records import ImitatorStep
 from pacnet.kernels.threads import use_one_thread
@@ -42,7 +42,7 @@ class ReplayedEpisode:
         reasons: for each frame, why it would have acted or held.
     """
 
-    watched: Watched
+    recognized: RecognizedEpisode
     dimension: tuple[str, ...]
     acts: Tensor
     reasons: tuple[str, ...]
@@ -74,12 +74,12 @@ def _replay_one(
         parts.append(imitator.network.recognise(percepts))
         steps += map(imitator.step, percepts.numpy())
         advance(len(percepts))
-    recognition = joined(parts)._replace(
+    recognition = concatenate(parts)._replace(
         novelty=torch.tensor([step.novelty for step in steps]),
         is_novel=torch.tensor([step.is_novel for step in steps]),
     )
     return ReplayedEpisode(
-        Watched(shown, recognition),
+        RecognizedEpisode(shown, recognition),
         tuple(step.dimension for step in steps),
         torch.tensor([step.action is not None for step in steps]),
         tuple(reason_of(step).short for step in steps),

@@ -91,13 +91,13 @@ def _make_folders(arguments: argparse.Namespace) -> None:
 
 
 def _row(episode: ReplayedEpisode, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
-    recognition, shown = episode.watched.recognition, episode.watched.demonstration
+    recognition, shown = episode.recognized.recognition, episode.recognized.demonstration
     most = int(recognition.novelty.argmax())
     recognised = ("new", NOTHING, NOTHING)
     if not recognition.is_novel[-1]:
         number = int(recognition.behaviour[-1])
         probability = float(recognition.probability[-1, number])
-        since = episode.watched.named_since / fps
+        since = episode.recognized.stable_from / fps
         recognised = (behaviours[number], f"{probability:.1%}", f"{since:.2f} s")
     return (
         f"{shown.episode}",
@@ -121,7 +121,7 @@ def _draw(
 
     with progress_bar("drawing", len(episodes), "figure") as advance:
         for episode in episodes:
-            shown, recognition = episode.watched.demonstration, episode.watched.recognition
+            shown, recognition = episode.recognized.demonstration, episode.recognized.recognition
             title = f"Episode {shown.episode}, recorded as “{shown.task or 'untitled'}”"
             figure = recognition_over_time(
                 recognition, behaviours, NOVELTY_THRESHOLD, 1 / fps, title, episode.acts.numpy()
@@ -142,7 +142,7 @@ def write_rerun(
     with rerun.RecordingStream("pacnet", recording_id=Path(file).stem) as recording:
         recording.save(file)
         for episode in episodes:
-            recognition = episode.watched.recognition
+            recognition = episode.recognized.recognition
             curves = {
                 "novelty": recognition.novelty,
                 "progress": recognition.progress,
@@ -152,7 +152,7 @@ def write_rerun(
                 part = rerun.escape_entity_path_part(name)
                 curves[f"probability/{part}"] = recognition.probability[:, number]
             times = rerun.TimeColumn("time", duration=np.arange(len(recognition.winner)) / fps)
-            folder = f"episode_{episode.watched.demonstration.episode:03}"
+            folder = f"episode_{episode.recognized.demonstration.episode:03}"
             for name, values in curves.items():
                 columns = rerun.Scalars.columns(scalars=values.double().numpy())
                 recording.send_columns(f"{folder}/{name}", [times], columns)

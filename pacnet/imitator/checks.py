@@ -68,7 +68,7 @@ def _check_one(shown: Demonstration, config: ImitatorConfig, sofm: HabituatingSO
             f"expected one action for each percept, got {len(shown.action)} actions, "
             f"{len(shown.state)} states and {len(shown.environment_state)} environment states"
         )
-    sofm.scaled(shown.percepts)  # which refuses percepts that are too large
+    sofm.normalize(shown.percepts)  # which refuses percepts that are too large
 
 
 def _listed(names: Sequence[str] | None) -> str:

@@ -169,11 +169,11 @@ def test_watch_writes_a_rerun_recording(imitator: Path, other: Path, tmp_path: P
         f"/episode_{number:03}/{name}": values
         for number, one in enumerate(episodes)
         for name, values in (
-            ("novelty", one.watched.recognition.novelty),
-            ("progress", one.watched.recognition.progress),
-            ("winner", one.watched.recognition.winner),
-            ("probability/drink", one.watched.recognition.probability[:, 0]),
-            ("probability/wave", one.watched.recognition.probability[:, 1]),
+            ("novelty", one.recognized.recognition.novelty),
+            ("progress", one.recognized.recognition.progress),
+            ("winner", one.recognized.recognition.winner),
+            ("probability/drink", one.recognized.recognition.probability[:, 0]),
+            ("probability/wave", one.recognized.recognition.probability[:, 1]),
         )
     }
     assert curves.keys() == expected.keys()
