@@ -78,6 +78,9 @@ def test_an_old_field_sets_the_new_one_with_a_warning():
     assert warned[0].filename == __file__
     with pytest.warns(DeprecationWarning, match="room is now capacity"):
         assert replace(config, room=5) == Config(5, 0.25)
+    with pytest.warns(DeprecationWarning, match="place is now offset") as warned:
+        assert Record(place=3) == Record(3) == Record(offset=3)
+    assert warned[0].filename == __file__
 
 
 def test_new_names_do_not_warn_and_unknown_ones_are_refused():
