@@ -1,4 +1,4 @@
-"""The compiled engine of the growing map: passes its buffers to the kernels.
+"""The compiled engine of the growing map: passes the map's buffers to the kernels.
 
 Imported only where it runs, as it imports numba.
 """
@@ -33,8 +33,8 @@ _NO_NODES = np.zeros(0, np.int64)
 class CompiledEngine:
     """Learns and reads in compiled kernels, for maps in float32 on the CPU.
 
-    It keeps nothing of a map but the lists of each node's edges, which the kernels make again for
-    another map. Threads that learn wait for one another, those that read do not.
+    Between calls it keeps only the lists of each node's edges, which the kernels check and rebuild
+    for another map. Threads that learn wait for one another; threads that read do not.
 
     Args:
         config: of the maps.
@@ -179,7 +179,7 @@ class CompiledEngine:
             nodes, edges, _ = counts.tolist()
             if nodes < columns[0].shape[1] and edges + 2 <= len(columns[4]):
                 return columns
-        # Made inside a caller's inference mode they would be buffers nobody can update later.
+        # Buffers made inside a caller's inference mode could not be updated later.
         with torch.inference_mode(False):
             of_nodes, of_edges = state.nodes.arrays(1), state.edges.arrays(2)
         time = _array_of(state.buffers["time"]).reshape(1)

@@ -132,7 +132,7 @@ class HabituatingSOFM(nn.Module):
         normalized = self.normalize(percepts)
         if not self.training:
             return ignored(self.read(normalized))
-        # Growing inside a caller's inference mode would make buffers nobody can update later.
+        # Buffers made inside a caller's inference mode could not be updated later.
         with self._learning, short_switch_interval(), torch.inference_mode(False):
             draft = draft_of(self)
             observation = draft.update(normalized).observation
