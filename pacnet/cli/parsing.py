@@ -19,19 +19,7 @@ def add_command(
     examples: str,
     run: Callable[[argparse.Namespace], None],
 ) -> argparse.ArgumentParser:
-    """Add a command to the main parser.
-
-    Args:
-        commands: of the main parser.
-        name: of the command.
-        summary: what it does, one line.
-        details: what else to know before using it.
-        examples: command lines to copy.
-        run: called with the parsed arguments.
-
-    Returns:
-        The command's parser, still without arguments.
-    """
+    """Add a command to the main parser; return its own parser, still without arguments."""
     parser = commands.add_parser(
         name,
         help=summary,
