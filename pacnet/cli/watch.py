@@ -58,13 +58,14 @@ def run(arguments: argparse.Namespace) -> None:
         import rerun  # noqa: F401 — whether it is installed, before the work begins
     from pacnet.cli.loading import load_imitator, load_percepts
     from pacnet.cli.replay import replay
+    from pacnet.evaluation.recognized import display_names
 
     imitator = load_imitator(arguments.checkpoint)
     demonstrations = load_percepts(imitator, arguments.dataset)
     _make_folders(arguments)
     episodes = list(replay(imitator, demonstrations))
     fps = demonstrations.fps
-    behaviours = [name or "untitled" for name in imitator.network.behaviours]
+    behaviours = display_names(imitator.network.behaviours)
     print_table(_HEADS, [_row(episode, behaviours, fps) for episode in episodes])
     print(_LEGEND)
     written = []

@@ -337,10 +337,8 @@ class Imitator(nn.Module):
         with self.network.learning() as draft:  # no other thread learns until the end
             number, first_action = len(self.reports), self.first_action
             correction = correction and number > 0  # the first has nothing to correct
-            detector, percepts = (
-                draft_of(self.novelty_detector),
-                draft.sofm.normalize(shown.percepts),
-            )
+            detector = draft_of(self.novelty_detector)
+            percepts = draft.sofm.normalize(shown.percepts)
             compact(draft.schemas)  # rows that belong to no schema must not count as cues
             cues = draft.schemas.arrays("cue") if number > 0 else None
             novelty = detector.learn(percepts.numpy(), cues, correction=correction)
