@@ -156,6 +156,7 @@ class EpisodicMemory(Schemas):
             ValueError: as `Sequences.check`, or rows that refer to rows that do not exist.
         """
         super().check()
+        check_storage("nodes", self.nodes)
         if self.nodes.shape != () or self.nodes.dtype != torch.int64:
             raise ValueError(f"expected a number of nodes, got {self.nodes}")
         check_conditions(references_hold(len(self.behaviours), dict(self.named_buffers())))

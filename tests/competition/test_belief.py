@@ -76,7 +76,7 @@ def make_small(config: RecognitionConfig) -> Belief:
 
 
 def test_one_sample_on_by_hand_the_end_keeps_what_runs_over_it():
-    ahead = make_small(RecognitionConfig()).ahead()
+    ahead = make_small(RecognitionConfig()).predict()
     # .5 -> .25, .25; .125 -> .0625, .0625. .25 -> quarters at 0, 1 and two at the end, which stays.
     expected = [[0.25, 0.3125, 0.0625], [0.0625, 0.0625, 0.125 + 0.125]]
     np.testing.assert_allclose(ahead, expected)
@@ -96,12 +96,12 @@ def plain_forward(belief: Belief, distances: list[list[float]]) -> list[dict[tup
                 for step, chance in enumerate(advance[e]):
                     moved[e, min(p + step, len(rows[0]) - 1)] += before * chance
             alpha = {
-                (e, p): (1 - config.restart) * moved[e, p] + config.restart * start[e][p]
+                (e, p): (1 - config.restart_prob) * moved[e, p] + config.restart_prob * start[e][p]
                 for e, p in states
             }
         for e, p in states:
-            normal = math.exp(-0.5 * (distance[rows[e][p]] / config.width) ** 2)
-            alpha[e, p] *= normal + config.mismatch
+            normal = math.exp(-0.5 * (distance[rows[e][p]] / config.obs_std) ** 2)
+            alpha[e, p] *= normal + config.outlier_likelihood
         total = math.fsum(alpha.values())
         alpha = {state: value / total for state, value in alpha.items()}
         history.append(alpha)
@@ -137,10 +137,10 @@ def test_asking_what_is_ahead_changes_nothing():
     for _ in range(3):
         asked.update(distances)
         other.update(distances)
-        np.testing.assert_array_equal(asked.ahead(), asked.ahead())
+        np.testing.assert_array_equal(asked.predict(), asked.predict())
         np.testing.assert_array_equal(asked.probability, other.probability)
-    asked.ahead()
-    assert asked.ahead() is not asked.probability
+    asked.predict()
+    assert asked.predict() is not asked.probability
 
 
 def test_the_timeline_is_not_changed_by_what_is_watched():
@@ -316,15 +316,15 @@ def test_an_episode_that_was_forgotten_wholly_is_not_in_the_timeline():
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("places", 1),
-        ("places", 8.0),
-        ("places", 10**6),
-        ("width", 0.0),
-        ("width", math.inf),
-        ("mismatch", 0.0),
-        ("mismatch", 1.0),
-        ("restart", 0.0),
-        ("restart", 1.0),
+        ("n_states", 1),
+        ("n_states", 8.0),
+        ("n_states", 10**6),
+        ("obs_std", 0.0),
+        ("obs_std", math.inf),
+        ("outlier_likelihood", 0.0),
+        ("outlier_likelihood", 1.0),
+        ("restart_prob", 0.0),
+        ("restart_prob", 1.0),
         ("novel_above", 0.0),
         ("novel_above", 1.0),
         ("novel_above", None),

@@ -125,8 +125,8 @@ def test_the_first_origin_is_where_the_target_was_shown(seed: int):
     [
         (1, 0, "schema from 0 to 0, got 1"),
         (NO_NODE, 0, "schema from 0 to 0, got -1"),
-        (0, 2, "offset from 0 to 1 in schema 0, got 2"),
-        (0, -1, "offset from 0 to 1 in schema 0, got -1"),
+        (0, 2, "offset from 0 to 1, got 2"),
+        (0, -1, "offset from 0 to 1, got -1"),
     ],
 )
 def test_what_is_not_there_has_no_origin(schema: int, position: int, message: str):

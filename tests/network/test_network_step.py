@@ -232,8 +232,8 @@ def test_calls_of_step_and_of_recall_go_on_from_one_another(engine: str):
     percepts = circle(40)[0]
     positions = []
     for start in range(0, 40, 4):
-        positions += network.recall(percepts[start : start + 3]).position.tolist()
-        positions.append(network.step(percepts[start + 3].numpy()).position)
+        positions += network.recall(percepts[start : start + 3]).offset.tolist()
+        positions.append(network.step(percepts[start + 3].numpy()).offset)
     assert positions == twin.recall(percepts).offset.tolist()
     assert max(positions) > 3
 
@@ -304,13 +304,13 @@ BAD_PERCEPTS: dict[str, Any] = {
 def test_a_bad_percept_is_refused_and_the_episode_stays_where_it_was(engine: str, case: str):
     network = taught(engine, "order")
     percepts = circle(6, noise=0.0)[0].numpy()
-    position = network.step(percepts[0]).position
+    position = network.step(percepts[0]).offset
     before = copy.deepcopy(network.state_dict())
     with pytest.raises(ValueError, match=r"^expected .*percept.*, got "):
         network.step(BAD_PERCEPTS[case])
     for name, value in network.state_dict().items():
         assert torch.equal(value, before[name]), name
-    assert network.step(percepts[0]).position == position + 1
+    assert network.step(percepts[0]).offset == position + 1
 
 
 @every_engine
@@ -340,8 +340,9 @@ def test_an_unknown_percept_is_new_and_commands_nothing(engine: str, schemas: st
     network = taught(engine, schemas, Towards())
     decision = network.step(np.array(FAR, np.float32))
     assert decision.is_novel is True
-    assert decision[:2] == (None, None)
-    assert decision[-2:] == (-1, NO_NODE)
+    assert (decision.target, decision.has_target) == (None, False)
+    assert (decision.action, decision.has_action) == (None, False)
+    assert (decision.offset, decision.schema) == (-1, NO_NODE)
     distance = (network.sofm.prototypes - torch.tensor(FAR)) * torch.tensor([0.5, 1.0])
     assert decision.winner == int(distance.square().sum(dim=1).argmin())
     assert decision.activation < 1e-9
@@ -351,7 +352,7 @@ def test_an_unknown_percept_is_new_and_commands_nothing(engine: str, schemas: st
 @every_kind
 def test_an_untaught_network_commands_nothing(engine: str, schemas: str):
     decision = make_network(engine, schemas, Towards()).step(np.zeros(2, np.float32))
-    assert decision == Decision(None, None, NO_NODE, 0.0, novelty=True, position=-1, schema=NO_NODE)
+    assert decision == Decision(None, False, NO_NODE, 0.0, True, offset=-1, schema=NO_NODE)
 
 
 @every_engine
@@ -360,7 +361,7 @@ def test_a_node_that_never_habituated_commands_nothing(engine: str, schemas: str
     network = make_network(engine, schemas, Towards())
     network.observe(torch.zeros(5, 2), torch.ones(5, 2), episode=0)
     decision = network.step(np.zeros(2, np.float32))
-    assert decision == Decision(None, None, 0, 1.0, novelty=False, position=-1, schema=NO_NODE)
+    assert decision == Decision(None, False, 0, 1.0, False, offset=-1, schema=NO_NODE)
 
 
 @every_engine

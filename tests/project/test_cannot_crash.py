@@ -881,7 +881,7 @@ CONTRADICTIONS = {
         "nodes.habituation": (-1, 2),
     },
     "cue": {
-        "episode": (-2,), "schemas.blocks.start": (-1, 10**6), "schemas.blocks.room": (-1, 10**6),
+        "episode": (-2,), "schemas.blocks.start": (-1, 10**6), "schemas.blocks.capacity": (-1, 10**6),
         "schemas.blocks.length": (-1, 10**6), "schemas.blocks.episode": (-2, 10**6),
         "schemas.pool.target": (1e30, math.inf), "schemas.pool.cue": (1e30, math.nan),
     },
@@ -952,7 +952,7 @@ def test_copies_of_what_was_edited_in_place_know_it():
         answers(network)
         twin = copied(network)
         twin.schemas.pool.target.data.zero_()
-        assert not any(given.target.any() for given in answers(twin)[:20] if given.position >= 0)
+        assert not any(given.target.any() for given in answers(twin)[:20] if given.offset >= 0)
 
 
 def test_a_state_dict_is_of_its_moment():

@@ -140,7 +140,7 @@ def use_schemas(schemas: MotorSchemas, percepts: Tensor, _targets: Tensor) -> Te
         if len(schemas)
     ]
     targets = [answer.target for answer in answers if answer is not None]
-    positions = [answer.position for answer in answers if answer is not None]
+    positions = [answer.offset for answer in answers if answer is not None]
     return schemas.lengths.clone(), *targets, torch.tensor(positions)
 
 
@@ -155,7 +155,8 @@ def learn_network(network: PACNet, percepts: Tensor, targets: Tensor) -> Tensors
 
 def use_network(network: PACNet, percepts: Tensor, _targets: Tensor) -> Tensors:
     network.reset()
-    return (*network.recall(percepts), *network(percepts))
+    recalled = network.recall(percepts)._replace(action=percepts)  # which is None
+    return (*recalled, *network(percepts))
 
 
 def competing_config() -> CompetingSchemasConfig:
@@ -183,7 +184,7 @@ def use_competing(schemas: CompetingSchemas, percepts: Tensor, _targets: Tensor)
         for sample, percept in enumerate(percepts)
     ]
     given = [answer for answer in answers if answer is not None]
-    places = [(answer.position, answer.schema) for answer in given]
+    places = [(answer.offset, answer.schema) for answer in given]
     return schemas.lengths.clone(), *(answer.target for answer in given), torch.tensor(places)
 
 
