@@ -34,7 +34,8 @@ def events(monkeypatch: pytest.MonkeyPatch) -> list[Event]:
         return replace(path, target)
 
     def note_deletion(path: Path, missing_ok: bool = False) -> None:
-        happened.append(("delete", path))
+        if os.path.lexists(path):
+            happened.append(("delete", path))
         unlink(path, missing_ok)
 
     monkeypatch.setattr(os, "fsync", note_flush)

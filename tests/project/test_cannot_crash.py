@@ -881,8 +881,9 @@ CONTRADICTIONS = {
         "nodes.habituation": (-1, 2),
     },
     "cue": {
-        "episode": (-2,), "schemas.blocks.start": (-1, 10**6), "schemas.blocks.capacity": (-1, 10**6),
-        "schemas.blocks.length": (-1, 10**6), "schemas.blocks.episode": (-2, 10**6),
+        "episode": (-2,), "schemas.blocks.start": (-1, 10**6),
+        "schemas.blocks.capacity": (-1, 10**6), "schemas.blocks.length": (-1, 10**6),
+        "schemas.blocks.episode": (-2, 10**6),
         "schemas.pool.target": (1e30, math.inf), "schemas.pool.cue": (1e30, math.nan),
     },
     "competing": {
