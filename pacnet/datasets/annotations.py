@@ -1,4 +1,4 @@
-"""A copy of a LeRobot dataset (format v3.0) with extra columns, such as what was recognised in it.
+"""A copy of a LeRobot dataset (format v3.0) with extra columns, such as recognition results.
 
 LeRobot's policies learn from every feature called `observation*` or `action*`, and leave columns of
 other names alone.
@@ -49,19 +49,19 @@ def write_annotated(
     Everything is checked before the copy is begun, and an interrupted copy leaves nothing.
 
     Args:
-        source: The dataset's folder.
-        destination: The copy's folder, which must not exist yet.
-        columns: Name of each extra column -> names of its dimensions.
-        episodes: One for each of the dataset's: column -> its values [T, K], T as many as the
-            episode has frames; floats, integers or booleans, the same in all episodes.
+        source: the dataset's folder.
+        destination: the copy's folder, which must not exist yet.
+        columns: name of each extra column -> names of its dimensions.
+        episodes: for each episode of the dataset: column -> its values `[T, K]`, one row per
+            frame; floats, integers or booleans, the same in all episodes.
 
     Raises:
-        FileExistsError: There is something at `destination` already.
-        DatasetError: The source cannot be read, has features that are no vectors of numbers (images
-            and videos cannot be copied), or integers from 2**24 on.
-        ValueError: No columns, one of a name that the source has or LeRobot cannot store, not one
-            entry for each of the source's episodes, or values that are missing, unknown, of
-            another shape, length or dtype, or not finite.
+        FileExistsError: `destination` exists already.
+        DatasetError: the source cannot be read, or has features other than vectors of numbers
+            (images and videos cannot be copied), or integers from 2**24 on.
+        ValueError: no columns; a column's name is a feature of the source or cannot be stored by
+            LeRobot; not one entry for each episode of the source; or values that are missing,
+            unknown, of another shape, length or dtype, or not finite.
     """
     source, destination = Path(source), Path(destination)
     if os.path.lexists(destination):
@@ -91,11 +91,11 @@ def write_annotated(
 
 
 def check_annotatable(source: str | Path, columns: Mapping[str, Sequence[str]]) -> "Episodes":
-    """Read a dataset, if it can be copied with these extra columns, before there are values.
+    """Read a dataset after checking that it can be copied with these extra columns.
 
     Raises:
-        DatasetError: As `write_annotated`.
-        ValueError: As `write_annotated`, about the columns.
+        DatasetError: as `write_annotated`.
+        ValueError: as `write_annotated`, about the columns.
     """
     from pacnet.datasets.format.episodes import read_episodes
     from pacnet.datasets.journal.journal import check_folded
@@ -125,7 +125,7 @@ def check_annotatable(source: str | Path, columns: Mapping[str, Sequence[str]]) 
 
 
 def _check_values(source: Path, info: Mapping[str, Any], read: "Episodes") -> None:
-    """Refuse integers that are not read exactly, and tasks that `Recorder` does not store."""
+    """Refuse integers that float32 rounds, and tasks that `Recorder` does not store."""
     for name, values in read.values.items():
         integers = "int" in info["features"][name]["dtype"]
         if integers and any(rows.abs().max() >= _FLOAT32_INTEGERS for rows in values):
@@ -156,7 +156,7 @@ def _column_features(
 def _checked_annotations(
     columns: Mapping[str, Feature], episodes: Sequence[Mapping[str, ArrayLike]], read: "Episodes"
 ) -> list[Arrays]:
-    """Return each episode's columns [T, K] as they are stored."""
+    """Return each episode's columns `[T, K]` as they are stored."""
     expected = len(read.indices)
     if len(episodes) != expected:
         raise ValueError(f"expected columns for each of {expected} episodes, got {len(episodes)}")

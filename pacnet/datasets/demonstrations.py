@@ -20,12 +20,12 @@ class Demonstration:
     """One episode in which a task is demonstrated.
 
     Attributes:
-        episode: Index of the episode in its dataset.
-        task: The task in words; where it changes within the episode, that of the first frame.
-        state: What was perceived of the demonstrator, [T, S].
-        environment_state: What was perceived of the surroundings, [T, E]; E is 0 without it.
-        action: The demonstrator's actions or the targets aimed at, [T, A].
-        encoded: What encoders made of the images, [T, F]; None without encoders.
+        episode: index of the episode in its dataset.
+        task: the task in words; where it changes within the episode, that of the first frame.
+        state: measured state of the demonstrator, `[T, S]`.
+        environment_state: measured state of the surroundings, `[T, E]`; E is 0 without it.
+        action: the demonstrator's actions or the targets aimed at, `[T, A]`.
+        encoded: encoded images, `[T, F]`; None without encoders.
     """
 
     episode: int
@@ -47,11 +47,11 @@ class Demonstrations:
     """The episodes of a dataset, in the order in which they were recorded.
 
     Attributes:
-        fps: Frames per second [1/s].
-        names: Feature name -> names of its dimensions, in the order of the percepts.
-        episodes: The demonstrations.
-        source: Name of the dataset that they are from.
-        action: The feature that is their action; all others are perceived.
+        fps: frames per second [1/s].
+        names: feature name -> names of its dimensions, in the order of the percepts.
+        episodes: the demonstrations.
+        source: name of the dataset.
+        action: the feature that is the action; all others belong to the percept.
     """
 
     fps: float
@@ -62,7 +62,7 @@ class Demonstrations:
 
     @property
     def percept_features(self) -> dict[str, tuple[str, ...]]:
-        """The features that a percept consists of -> names of their dimensions, in its order."""
+        """Names of each feature of a percept and of its dimensions, in the percept's order."""
         return {name: parts for name, parts in self.names.items() if name != self.action}
 
     @property
@@ -80,11 +80,7 @@ class Demonstrations:
 
 
 def dimension_names(features: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return the names of all dimensions, prefixed by their features' where two are the same.
-
-    Args:
-        features: Feature name -> names of its dimensions.
-    """
+    """Return the names of all dimensions, with the feature's name in front if two are the same."""
     pairs = [(feature, name) for feature, names in features.items() for name in names]
     names = tuple(name for _, name in pairs)
     if len(set(names)) < len(names):
@@ -111,25 +107,25 @@ def load_demonstrations(
         ```
 
     Args:
-        root: The dataset's folder, the one that holds `meta/` and `data/`.
-        state: Feature that becomes `Demonstration.state`.
-        environment_state: Feature that becomes `Demonstration.environment_state`, or None; a
+        root: the dataset's folder, the one that holds `meta/` and `data/`.
+        state: feature that becomes `Demonstration.state`.
+        environment_state: feature that becomes `Demonstration.environment_state`, or None; a
             dataset may lack the default one.
-        action: Feature that becomes `Demonstration.action`.
-        encoders: Image or video feature -> function that turns one of its images, a tensor
-            [channels, height, width] from 0 to 1, into a vector [F]. The vectors become
+        action: feature that becomes `Demonstration.action`.
+        encoders: image or video feature -> function that turns one of its images, a tensor
+            `[channels, height, width]` from 0 to 1, into a vector `[F]`. The vectors become
             `Demonstration.encoded`.
 
     Returns:
         The demonstrations, float32 tensors on the CPU.
 
     Raises:
-        DatasetError: The folder or one of its files is missing or damaged, the format is another
-            than v3.0, a recording into it goes on or was killed, a feature is missing or not a
+        DatasetError: the folder or one of its files is missing or damaged, the format is not
+            v3.0, a recording into it is running or was killed, a feature is missing or not a
             vector of numbers, the counts in `meta/info.json` do not match the frames found, the
             episodes' indices do not ascend, or a value is not finite.
-        ValueError: An encoder for a feature that is no image or video, or one that returns
-            anything but finite vectors of one length.
+        ValueError: an encoder is for a feature that is no image or video, or its vectors are not
+            finite or not of one length.
     """
     from pacnet.datasets.format.episodes import read_episodes  # imports pyarrow, 0.2 s
     from pacnet.datasets.journal.journal import check_folded
@@ -153,14 +149,8 @@ def load_demonstrations(
             feature: tuple(f"{feature}.{index}" for index in range(rows.shape[1]))
             for feature, rows in vectors.items()
         }
-    episodes = zip(
-        read.indices,
-        read.tasks,
-        read.values[state],
-        environment_states,
-        read.values[action],
-        encoded,
-        strict=True,
+    states, actions = read.values[state], read.values[action]
+    episodes = map(
+        Demonstration, read.indices, read.tasks, states, environment_states, actions, encoded
     )
-    episodes = tuple(Demonstration(*episode) for episode in episodes)
-    return Demonstrations(info["fps"], names, episodes, root.resolve().name, action)
+    return Demonstrations(info["fps"], names, tuple(episodes), root.resolve().name, action)

@@ -3,7 +3,7 @@
 `save_episode` writes the episode to the journal in the dataset's folder (`journal/`) and waits for
 the disk. The journal is folded into the dataset when the recording is closed; if the process is
 killed before, by the next `Recorder` of the dataset or by `recover`. Frames that were added one by
-one are in memory alone until `save_episode`.
+one are only in memory until `save_episode`.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Recorder:
     far is in the dataset, and frames of an unfinished one are dropped. A new dataset without any
     episode is deleted. Leaving the block reads all frames into memory, for exact statistics.
 
-    LeRobot's policies learn from all features called `observation*` or `action*`, so give others,
-    such as `novelty` and `winner`, other names.
+    LeRobot's policies learn from all features called `observation*` or `action*`. Give features
+    that they should not see, such as `novelty` and `winner`, other names.
 
     Example:
         ```python
@@ -75,15 +75,15 @@ class Recorder:
         """Describe the recording; nothing is written before the `with` block is entered.
 
         Args:
-            root: The dataset's folder, which is made, or holds a dataset to append to.
-            fps: Frames per second [1/s].
-            features: Feature name -> names of its dimensions, or a `Feature` for integers and
+            root: the dataset's folder, which is made, or holds a dataset to append to.
+            fps: frames per second [1/s].
+            features: feature name -> names of its dimensions, or a `Feature` for integers and
                 booleans.
-            robot_type: What is recorded, in the description of a new dataset.
+            robot_type: what is recorded, in the description of a new dataset.
 
         Raises:
-            ValueError: `fps` is not a positive integer, there is no feature, one is without
-                dimensions or has two of one name, or a name is one that LeRobot cannot store.
+            ValueError: `fps` is not a positive integer, there is no feature, a feature has no
+                dimensions or two of one name, or LeRobot cannot store a name.
         """
         self._root = Path(root).absolute()  # the working directory may change
         self._recording = checked_recording(fps, features, robot_type)
@@ -95,12 +95,12 @@ class Recorder:
         """Open the dataset, after recovering what a killed process recorded into it.
 
         Raises:
-            FileExistsError: There is something at `root` that is no dataset.
-            BlockingIOError: Another recording into the dataset goes on.
-            DatasetError: The dataset or its journal cannot be read, its files contradict one
+            FileExistsError: there is something at `root` that is no dataset.
+            BlockingIOError: another process records into the dataset.
+            DatasetError: the dataset or its journal cannot be read, its files contradict one
                 another, or its frames have gaps, numbers that are not finite or no episode.
-            ValueError: Its frames per second, features or robot are others.
-            RuntimeError: The `with` block is open already.
+            ValueError: the dataset has another `fps`, other features or another robot.
+            RuntimeError: the `with` block is open already.
         """
         from pacnet.datasets.journal.folding import check_ready, fold
         from pacnet.datasets.journal.journal import Journal
@@ -137,13 +137,13 @@ class Recorder:
         Until then it is in memory, and lost when the process is killed or the `with` block is left.
 
         Args:
-            frame: Feature name -> its values, [D] of a dtype that `save_episode` takes; where D is
-                1, a number will do. They are copied.
+            frame: feature name -> its values, `[D]`, or a number for D = 1, of a dtype that
+                `save_episode` takes. They are copied.
 
         Raises:
-            ValueError: A feature is missing or unknown, or its values are of another shape or dtype
+            ValueError: a feature is missing or unknown, or its values are of another shape or dtype
                 or not finite in float32. The frames before stay.
-            RuntimeError: As `save_episode`.
+            RuntimeError: as `save_episode`.
         """
         self._check_open()
         with self._lock:
@@ -164,16 +164,16 @@ class Recorder:
         Threads may save at the same time.
 
         Args:
-            task: The task in words.
-            frames: Feature name -> its values, [T, D]: float32 or float64, stored as float32;
+            task: the task in words.
+            frames: feature name -> its values, `[T, D]`: float32 or float64, stored as float32;
                 integers, stored as int64; or booleans. None takes those that were added.
 
         Raises:
-            ValueError: The task is empty, a feature is missing or unknown, or an array is of
+            ValueError: the task is empty; a feature is missing or unknown; an array is of
                 another shape or dtype, empty, not finite in float32, or not as long as the others;
-                or frames are given while there are added ones, or there are none at all.
-                Nothing is written then, and what was added stays.
-            RuntimeError: The `with` block is not open, or was entered by another process.
+                frames are given although some were added; or there are none. Nothing is written
+                then, and added frames stay.
+            RuntimeError: the `with` block is not open, or was entered by another process.
         """
         self._check_open()
         if not is_text(task) or not task.strip():
@@ -216,11 +216,11 @@ def recover(root: str | Path) -> int:
         How many there were.
 
     Raises:
-        BlockingIOError: The recording goes on.
-        FileExistsError: There is something at `root` that is no dataset.
-        DatasetError: The dataset or its journal cannot be read, or its files contradict one
+        BlockingIOError: another process still records.
+        FileExistsError: there is something at `root` that is no dataset.
+        DatasetError: the dataset or its journal cannot be read, or its files contradict one
             another.
-        ValueError: The dataset has become one of something else.
+        ValueError: the dataset has got another `fps`, other features or another robot since.
     """
     from pacnet.datasets.journal.folding import fold
     from pacnet.datasets.journal.journal import JOURNAL, Journal

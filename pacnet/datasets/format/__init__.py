@@ -1,7 +1,6 @@
-"""The files of a LeRobot dataset (format v3.0), as they lie on disk.
+"""The files of a LeRobot dataset (format v3.0).
 
-They may come from anywhere: what reads or checks them raises a `DatasetError` wherever they are not
-as expected, before it changes anything.
+They may come from anywhere, so they are checked before anything is changed.
 """
 
 

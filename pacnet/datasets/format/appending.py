@@ -83,8 +83,8 @@ def open_dataset(root: Path, recording: Recording) -> Dataset:
     """Return the dataset that a recording is appended to, or a new one.
 
     Raises:
-        DatasetError: The dataset cannot be read, or its files contradict one another.
-        ValueError: It is of something else.
+        DatasetError: the dataset cannot be read, or its files contradict one another.
+        ValueError: it has another `fps`, other features or another robot.
     """
     if (root / INFO).exists():
         dataset = _read_dataset(root)
@@ -112,7 +112,7 @@ def check_orphans(dataset: Dataset, written: Iterable[str]) -> None:
 
 
 def _check_no_files(root: Path) -> None:
-    """Refuse to begin a dataset over the files of one that has lost its description."""
+    """Refuse files without a description: a new dataset would overwrite them."""
     for folder in (root / "data", root / "meta"):
         if any(path.is_file() for path in folder.rglob("*")):
             raise DatasetError(
@@ -158,7 +158,7 @@ def _read_dataset(root: Path) -> Dataset:
 
 
 def _pointers(path: Path) -> NDArray[np.int64]:
-    """Return where the episodes of one file are, [episodes, pointers]."""
+    """Return where the episodes of one file are, `[episodes, pointers]`."""
     columns = read_columns(path, dict.fromkeys(_POINTERS, 1))
     return np.hstack([as_indices(path, name, rows) for name, rows in columns.items()])
 
@@ -171,7 +171,7 @@ def _ordered_tasks(root: Path) -> list[str]:
 
 
 def _check_counts(dataset: Dataset, n_episodes: int, n_frames: int) -> None:
-    """Refuse a dataset that a killed writer left incomplete, before anything is appended."""
+    """Refuse a dataset whose counts differ, as after a writer was killed."""
     n_rows = sum(map(count_rows, dataset.data_paths()))
     episodes, frames = (dataset.info.get(name) for name in ("total_episodes", "total_frames"))
     if (episodes, frames, frames) != (n_episodes, n_frames, n_rows):
@@ -182,7 +182,7 @@ def _check_counts(dataset: Dataset, n_episodes: int, n_frames: int) -> None:
 
 
 def _check_next_files(dataset: Dataset) -> None:
-    """Refuse numbers of files after which a new file would replace an existing one."""
+    """Refuse file numbers with which a new file would replace an existing one."""
     root = dataset.root
     if max(dataset.data_files) != dataset.data_files[-1]:
         raise DatasetError(f"{root}: expected the last episode in the last of its data files")
@@ -192,7 +192,7 @@ def _check_next_files(dataset: Dataset) -> None:
 
 
 def _check_data_file(path: Path, dimensions: Mapping[str, int]) -> None:
-    """Refuse a data file that lacks a feature [N, D], or holds something else or gaps in it.
+    """Refuse a data file in which a feature `[N, D]` is missing, of another type, or has gaps.
 
     No frame is read: Parquet counts the values and the gaps of each column.
     """
@@ -222,10 +222,7 @@ def _chunks(metadata: pq.FileMetaData, name: str) -> Iterator[tuple[int, pq.Colu
 
 
 def _check_extremes(path: Path, features: Iterable[str]) -> None:
-    """Refuse a file of `meta/episodes` with a minimum or maximum that is not finite.
-
-    It is not finite where a value in the episode is not.
-    """
+    """Refuse a file of `meta/episodes` with a minimum or maximum that is not finite."""
     with open_parquet(path) as file:
         found = file.schema_arrow.names
     names = {f"stats/{feature}/{name}": feature for feature in features for name in ("min", "max")}

@@ -78,7 +78,7 @@ def _dimension(info: dict[str, Any], feature: str) -> int:
 def _read_frames(
     root: Path, dimensions: Mapping[str, int], total_frames: float
 ) -> dict[str, NDArray[Any]]:
-    """Read the indices [N] and the features [N, D] of all data files, ordered by `index`."""
+    """Read the indices `[N]` and the features `[N, D]` of all data files, ordered by `index`."""
     paths = sorted((root / "data").glob("*/*.parquet"))
     if not paths:
         raise DatasetError(f"{root} has no data: expected data/chunk-*/file-*.parquet, found none")

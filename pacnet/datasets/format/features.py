@@ -1,4 +1,4 @@
-"""What a recording stores per frame, and whether an episode's values fit."""
+"""The features of a recording, and checks of the values that are recorded."""
 
 import operator
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ class Feature:
     """A feature of a recording; those given by their names alone are float32.
 
     Attributes:
-        names: Names of its dimensions.
+        names: names of its dimensions.
         dtype: `float32`, `int64` or `bool`.
     """
 
@@ -96,10 +96,10 @@ def _checked_feature(name: str, feature: Sequence[str] | Feature) -> Feature:
 
 
 def checked_episode(features: Mapping[str, Feature], values: Mapping[str, ArrayLike]) -> Arrays:
-    """Return copies of an episode's values, [T, D] each, all of one T > 0, as they are stored.
+    """Return copies of an episode's values, `[T, D]` each, all of one T > 0, as they are stored.
 
     Raises:
-        ValueError: A feature is missing or unknown, or an array is of another shape or dtype,
+        ValueError: a feature is missing or unknown, or an array is of another shape or dtype,
             empty, not finite in float32, beyond int64, or not as long as the others.
     """
     _check_names(features, values)
@@ -111,10 +111,10 @@ def checked_episode(features: Mapping[str, Feature], values: Mapping[str, ArrayL
 
 
 def checked_frame(features: Mapping[str, Feature], values: Mapping[str, ArrayLike]) -> Arrays:
-    """Return copies of one frame's values, [D] each, as they are stored; [] will do for D = 1.
+    """Return copies of one frame's values, `[D]` each, as they are stored; [] will do for D = 1.
 
     Raises:
-        ValueError: As `checked_episode`.
+        ValueError: as `checked_episode`.
     """
     _check_names(features, values)
     return {name: _stored(name, one, values[name], 1) for name, one in features.items()}
@@ -129,7 +129,7 @@ def _check_names(features: Mapping[str, Feature], values: Mapping[str, ArrayLike
 
 
 def _stored(name: str, feature: Feature, values: ArrayLike, ndim: int) -> NDArray[np.generic]:
-    """Return a copy of a feature's values, [D] or [T, D], in the dtype that is stored."""
+    """Return a copy of a feature's values, `[D]` or `[T, D]`, in the dtype that is stored."""
     dimension = len(feature.names)
     shape = f"[T > 0, {dimension}]" if ndim == 2 else f"[{dimension}]"
     expected = f"expected {name!r} as {STORED[feature.dtype]} of shape {shape}"

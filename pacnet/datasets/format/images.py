@@ -25,12 +25,12 @@ def encode_images(
     """Decode and encode every image of the encoders' features, with a progress bar.
 
     Returns:
-        Feature -> vectors of all frames, float32 [N, F].
+        Feature -> vectors of all frames, float32 `[N, F]`.
 
     Raises:
         DatasetError: LeRobot is not installed, or the dataset names files outside of its folder.
-        ValueError: A feature that the dataset lacks or that is no image or video, or an encoder
-            that returns anything but finite vectors of one length.
+        ValueError: a feature is missing or no image or video, or an encoder's vectors are not
+            finite or not of one length.
     """
     found = image_features(info)
     for feature in encoders:
@@ -68,7 +68,7 @@ def _decoded_frames(root: Path) -> Iterator[dict[str, Tensor]]:
 
 
 def _checked_vector(feature: str, vector: object, before: list[Tensor]) -> Tensor:
-    """Return an encoder's vector as float32 [F] on the CPU."""
+    """Return an encoder's vector as float32 `[F]` on the CPU."""
     expected = f"expected the encoder of {feature!r} to give a finite vector"
     if before:
         expected += f" of length {len(before[0])}"

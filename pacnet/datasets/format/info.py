@@ -71,7 +71,7 @@ def listed_names(feature: Mapping[str, Any]) -> list[str] | None:
 
 
 def image_features(info: Mapping[str, Any], *dtypes: str) -> list[str]:
-    """Return the names of the features that are images or videos, or one of them."""
+    """Return the names of the features of these dtypes; by default, of images and videos."""
     return [
         name for name, feature in info["features"].items()
         if isinstance(feature, dict) and feature.get("dtype") in (dtypes or ("image", "video"))
@@ -149,7 +149,7 @@ def _check_features(path: Path, features: dict[str, Any]) -> None:
 
 
 def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
-    """Raise a ValueError if a dataset cannot hold a recording or is of something else."""
+    """Raise a ValueError unless a dataset has the features, `fps` and robot of a recording."""
     features = {name: entry for name, entry in info["features"].items() if name not in RESERVED}
     for name, entry in features.items():
         if entry["dtype"] not in STORED:
@@ -165,8 +165,10 @@ def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
             f"got {sorted(recording.features)}"
         )
     for name, feature in recording.features.items():
-        names, dtype = list(feature.names), features[name]["dtype"]
-        expected = _names_or_shape(features[name], names)
+        names, dtype, shape = list(feature.names), features[name]["dtype"], features[name]["shape"]
+        # Without names in the dataset, any names fit that are as many as its dimensions.
+        unnamed = names if shape == [len(names)] else [f"shape {shape}"]
+        expected = listed_names(features[name]) or unnamed
         if (dtype, expected) != (feature.dtype, names):
             raise ValueError(
                 f"expected {name!r} as {dtype} of {expected} as in {root}, "
@@ -179,12 +181,6 @@ def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
         )
 
 
-def _names_or_shape(feature: Mapping[str, Any], names: list[str]) -> list[str]:
-    """Return the names of a stored feature; if it has none, these names where the shape fits."""
-    shape = feature["shape"]
-    return listed_names(feature) or (names if shape == [len(names)] else [f"shape {shape}"])
-
-
 def json_bytes(content: Mapping[str, Any]) -> bytes:
-    """Return a JSON file, indented as LeRobot does; a ValueError for NaN and infinity."""
+    """Return JSON, indented as LeRobot does; raise a ValueError for NaN and infinity."""
     return json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False).encode()

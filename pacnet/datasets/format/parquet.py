@@ -1,4 +1,4 @@
-"""Parquet files and Arrow columns, to and from numpy arrays; vectors [1] are stored as scalars.
+"""Parquet files and Arrow columns, to and from numpy arrays; vectors `[1]` are stored as scalars.
 
 Conversion goes by way of buffers and DLPack: Arrow's own functions import pandas where it is
 installed, which takes 0.6 s. Files are checked before their content takes memory.
@@ -23,7 +23,7 @@ _MAX_INTEGER = 2**53  # of counts and indices
 
 
 def to_arrow(rows: NDArray[np.generic]) -> pa.Array:
-    """Return a column of vectors, from floats, integers or booleans [N, D]."""
+    """Return a column of vectors, from floats, integers or booleans `[N, D]`."""
     boolean = rows.dtype == np.bool_
     buffer = np.packbits(rows.astype(np.bool_), bitorder="little") if boolean else rows
     kind = pa.bool_() if boolean else pa.type_for_alias(str(rows.dtype))
@@ -52,10 +52,10 @@ def is_list(kind: pa.DataType) -> bool:
 
 
 def to_numpy(column: pa.ChunkedArray, dimension: int) -> NDArray[np.generic]:
-    """Return a column of numbers as vectors [N, D]; booleans become 0 and 1.
+    """Return a column of numbers as vectors `[N, D]`; booleans become 0 and 1.
 
     Raises:
-        ValueError: It holds something else; the message says only what was found.
+        ValueError: it holds something else; the message says only what was found.
     """
     values = column.combine_chunks()
     if dimension > 1 or types.is_nested(values.type):
@@ -82,7 +82,7 @@ def _to_numpy_flat(values: pa.Array) -> NDArray[np.generic]:
 
 @contextmanager
 def open_parquet(path: Path, columns: Sequence[str] = ()) -> Iterator[pq.ParquetFile]:
-    """Open a Parquet file that must have these columns; a block that cannot read it fails too."""
+    """Open a Parquet file with these columns; raise a DatasetError if the block cannot read it."""
     try:
         if path.exists() and not path.is_file():
             raise OSError("it is no file")
@@ -121,7 +121,7 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 
 
 def read_columns(path: Path, dimensions: Mapping[str, int]) -> dict[str, NDArray[np.generic]]:
-    """Read columns of numbers: name -> D gives name -> [N, D]."""
+    """Read columns of numbers: name -> D gives name -> `[N, D]`."""
     table = read_table(path, [*dimensions])
     columns = {}
     for name, dimension in dimensions.items():
@@ -133,7 +133,7 @@ def read_columns(path: Path, dimensions: Mapping[str, int]) -> dict[str, NDArray
 
 
 def as_indices(path: Path, name: str, rows: NDArray[Any]) -> NDArray[np.int64]:
-    """Return a column of counts or indices as int64, or refuse what is none."""
+    """Return a column of counts or indices as int64, after checking that it holds such."""
     if rows.dtype.kind not in "iu":
         raise DatasetError(f"{path}: expected integers in {name!r}, found {rows.dtype}")
     invalid = (rows < 0) | (rows > _MAX_INTEGER)

@@ -1,4 +1,4 @@
-"""Paths that a dataset's files name, checked: the files may come from anywhere.
+"""Checks of the paths that a dataset's files name; the files may come from anywhere.
 
 The dataset's folder itself may be a link. Within it, nothing is written, moved or deleted through a
 link that leads out of it.
@@ -23,7 +23,7 @@ _VIDEO_PATH = re.compile(r"[\w-][\w.-]*(/[\w-][\w.-]*)*", re.ASCII)
 
 
 def path_inside(root: Path, relative: object) -> Path:
-    """Return a path in a dataset, given by plain parts; no link may lead it out of the dataset."""
+    """Return a path in a dataset after checking that no part or link leads out of it."""
     if not _is_plain(relative):
         raise DatasetError(
             f"expected a path in the dataset, as parts joined by '/', found {relative!r}"
@@ -37,7 +37,7 @@ def path_inside(root: Path, relative: object) -> Path:
 
 
 def path_for_file(root: Path, relative: object) -> Path:
-    """Return a path in a dataset that a file can be moved to, replacing a file if there is one."""
+    """Return a path in a dataset after checking that a file can be moved to it."""
     path = path_inside(root, relative)
     if path.is_dir():
         raise DatasetError(f"expected a file or nothing at {path}, found a folder")

@@ -13,7 +13,7 @@ _BLOCK = 2**18  # numbers converted to float64 at once, 2 MB, or one dimension i
 
 
 def statistics(rows: NDArray[np.generic]) -> dict[str, list[float]]:
-    """Return each statistic of values of any dtype, [N > 0, D], as [D]; the count as [1]."""
+    """Return each statistic of values of any dtype, `[N > 0, D]`, as `[D]`; the count as `[1]`."""
     width = max(1, _BLOCK // len(rows))  # dimensions at once
     parts = [_of_dimensions(rows[:, at : at + width].T) for at in range(0, rows.shape[1], width)]
     found = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -22,7 +22,7 @@ def statistics(rows: NDArray[np.generic]) -> dict[str, list[float]]:
 
 
 def _of_dimensions(columns: NDArray[np.generic]) -> dict[str, NDArray[np.float64]]:
-    """Return all but the count, from dimensions [D, N]."""
+    """Return all but the count, from dimensions `[D, N]`."""
     values = columns.astype(np.float64, order="C")
     mean = values.mean(axis=1)
     found = {

@@ -15,7 +15,7 @@ TASKS = "meta/tasks.parquet"
 
 
 def read_tasks(root: Path) -> dict[int, str]:
-    """Read the tasks by their indices; what the column of the text is called may differ."""
+    """Read the tasks by their indices; the column of their texts may have any name."""
     path = root / TASKS
     table = read_table(path)
     columns = [name for name in table.column_names if name != "task_index"]
@@ -29,7 +29,7 @@ def read_tasks(root: Path) -> dict[int, str]:
 
 
 def tasks_table(tasks: Sequence[str]) -> pa.Table:
-    """Return the tasks as pandas writes a frame whose index they are: LeRobot looks them up so."""
+    """Return the tasks as pandas writes a frame with them as its index, which LeRobot expects."""
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": stored}
         for name, kind, stored in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
@@ -51,9 +51,9 @@ def episodes_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema | None) 
     """Return the episodes' descriptions.
 
     Args:
-        rows: For each episode, name of a column -> an integer, a list of numbers, or a list of one
+        rows: for each episode, name of a column -> an integer, a list of numbers, or a list of one
             text.
-        schema: Columns of the dataset's older episodes: the new ones get the same, and gaps in
+        schema: columns of the dataset's older episodes: the new ones get the same, and gaps in
             those that are missing in `rows`.
     """
     columns = {name: _column([row[name] for row in rows]) for name in rows[0]}

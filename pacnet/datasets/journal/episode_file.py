@@ -8,13 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from pacnet.datasets.format import DatasetError
-from pacnet.datasets.format.features import (
-    Arrays,
-    Feature,
-    Recording,
-    checked_recording,
-    is_text,
-)
+from pacnet.datasets.format.features import Arrays, Feature, Recording, checked_recording, is_text
 from pacnet.datasets.format.parquet import to_arrow, to_numpy
 
 _HEADER = b"pacnet"  # key of an episode's description in its file
@@ -23,7 +17,7 @@ _MALFORMED = (KeyError, OSError, RecursionError, TypeError, ValueError, pa.Arrow
 
 
 def episode_bytes(recording: Recording, task: str, columns: Arrays) -> bytes:
-    """Return the content of an episode's file, from its features [T, D]."""
+    """Return the content of an episode's file, from its features `[T, D]`."""
     features = [(name, one.names, one.dtype) for name, one in recording.features.items()]
     header = recording._asdict() | {"features": features, "task": task}
     table = pa.table(
@@ -67,7 +61,7 @@ def _read_header(schema: pa.Schema) -> tuple[Recording, str]:
 
 
 def _check_schema(schema: pa.Schema, recording: Recording) -> None:
-    """Refuse columns of other types before any is read: the types are of a fixed size."""
+    """Refuse columns of other types before any is read; the expected types have a fixed size."""
     expected = {
         name: to_arrow(np.empty((0, len(feature.names)), feature.dtype)).type
         for name, feature in recording.features.items()
@@ -78,7 +72,7 @@ def _check_schema(schema: pa.Schema, recording: Recording) -> None:
 
 
 def _check_frames(table: pa.Table, recording: Recording) -> None:
-    """Refuse no frames, gaps, and numbers that are not finite."""
+    """Refuse an empty table, gaps, and numbers that are not finite."""
     table.validate(full=True)
     if not len(table):
         raise ValueError("expected frames, found none")

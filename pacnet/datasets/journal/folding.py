@@ -34,11 +34,11 @@ from pacnet.datasets.journal.staging import Stage, finish_commit
 
 
 def fold(journal: Journal) -> int:
-    """Complete what a killed process began, then fold all episodes of a journal; return how many.
+    """Complete an interrupted fold, then fold all episodes of a journal; return how many.
 
     Raises:
-        DatasetError: Dataset or journal cannot be read, or its files contradict one another.
-        ValueError: The dataset has become one of something else.
+        DatasetError: dataset or journal cannot be read, or its files contradict one another.
+        ValueError: the dataset has got another `fps`, other features or another robot since.
     """
     finish_commit(journal.folder)
     episodes = journal.episodes()
@@ -98,7 +98,7 @@ def _statistics_of(dataset: Dataset, new_paths: Sequence[Path]) -> dict[str, Any
     found = {}
     for name in dataset.dimensions:
         rows = np.concatenate([columns.pop(name) for columns in files])
-        if not np.isfinite(rows).all():  # and the statistics of its episode do not say so
+        if not np.isfinite(rows).all():  # although the statistics of its episode are
             raise DatasetError(f"expected finite numbers in {name!r}, found others in old frames")
         found[name] = statistics(rows)
     return found
@@ -124,7 +124,7 @@ def _stage_frames(
 
 
 class _DataFiles(ExitStack):
-    """Writes new data files: one row group per episode, and another file where one is full."""
+    """Writes new data files, with one row group per episode; a full one is followed by another."""
 
     def __init__(self, dataset: Dataset, stage: Stage) -> None:
         super().__init__()
@@ -136,23 +136,21 @@ class _DataFiles(ExitStack):
 
     def add(self, table: pa.Table) -> FileNumber:
         """Append an episode and return the number of the file that it is in."""
-        if self._file is None:
-            self._begin(table.schema)
-        elif self._file.tell() + table.nbytes > self._max_bytes:
+        if self._file is not None and self._file.tell() + table.nbytes > self._max_bytes:
             self.close()
+            self._file = None
             self._number = self._number.next(self._dataset.info["chunks_size"])
-            self._begin(table.schema)
+        if self._file is None:
+            path = self._stage.add(self._dataset.data_path(self._number))
+            self.paths.append(path)
+            self._file = self.enter_context(open_synced(path))
+            self._writer = self.enter_context(
+                pq.ParquetWriter(
+                    self._file, table.schema, compression="snappy", use_dictionary=False
+                )
+            )
         self._writer.write_table(table)
         return self._number
-
-    def _begin(self, schema: pa.Schema) -> None:
-
-        path = self._stage.add(self._dataset.data_path(self._number))
-        self.paths.append(path)
-        self._file = self.enter_context(open_synced(path))
-        self._writer = self.enter_context(
-            pq.ParquetWriter(self._file, schema, compression="snappy", use_dictionary=False)
-        )
 
 
 def _with_index_columns(

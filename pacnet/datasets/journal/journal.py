@@ -26,17 +26,17 @@ class Journal:
     """The journal of one dataset, open to this process alone.
 
     Attributes:
-        root: The dataset's folder.
-        folder: The journal's.
+        root: the dataset's folder.
+        folder: folder of the journal.
     """
 
     def __init__(self, root: Path) -> None:
         """Make the folders where they are missing, and take the lock.
 
         Raises:
-            BlockingIOError: Another recording into the dataset goes on.
-            FileExistsError: There is something at `root` that is no dataset.
-            DatasetError: There is something in the journal that no recording has left there.
+            BlockingIOError: another process records into the dataset.
+            FileExistsError: there is something at `root` that is no dataset.
+            DatasetError: the journal holds something other than a recording.
         """
         check_journal(root / JOURNAL)
         self.root, self.folder = root, root / JOURNAL
@@ -45,7 +45,7 @@ class Journal:
         self._lock = acquire_lock(root)
         try:
             last = self.episodes()[-1:]
-            # A folder with a journal alone is left of a recording that was killed at its start.
+            # A recording that is killed at its start leaves a folder with only a journal.
             is_ours = last or (root / INFO).exists()
             if not is_ours and {path.name for path in root.iterdir()} != {JOURNAL}:
                 raise _exists(root)
@@ -64,7 +64,7 @@ class Journal:
         return _episode_files(self.folder)
 
     def add(self, recording: Recording, task: str, columns: Arrays) -> None:
-        """Append an episode with these features [T, D]; it is on the disk when this returns."""
+        """Append an episode with these features `[T, D]`; it is on the disk when this returns."""
         content = episode_bytes(recording, task, columns)
         write_atomically(self.folder / f"episode-{self._next:06d}.arrow", content)
         self._next += 1
@@ -81,7 +81,7 @@ class Journal:
 
 
 def check_folded(root: str | Path) -> None:
-    """Refuse a dataset with episodes in its journal, where readers do not find them."""
+    """Refuse a dataset with episodes that are still in its journal, which readers do not find."""
     journal = Path(root) / JOURNAL
     count = len(_episode_files(journal))
     if count and not is_complete(journal):

@@ -40,7 +40,7 @@ class Stage:
     """Files that are written before they move into the dataset.
 
     Attributes:
-        paths: The files' paths in the dataset's folder, in the order in which they move.
+        paths: the files' paths in the dataset's folder, in the order in which they move.
     """
 
     def __init__(self, journal: Path) -> None:
