@@ -21,7 +21,7 @@ from pacnet.attention.kernel_records import Record, map_update, rules_of
 from pacnet.attention.records import Attention, MapUpdate, Step
 from pacnet.attention.state import MapState
 from pacnet.core.growable_rows import GrowableRows, check_storage
-from pacnet.core.validation import MAX_VALUE
+from pacnet.core.validation import MAX_VALUE, describe
 from pacnet.kernels.threads import share_rows
 
 _WORK = 2**27  # multiplications in one call, some 20 ms: a Ctrl-C waits for its end
@@ -86,7 +86,7 @@ class CompiledEngine:
     def read_one(
         self, state: MapState, percept: NDArray[np.float32]
     ) -> tuple[Step, NDArray[np.float32]] | None:
-        """Read one percept `[D]`; return what a map in eval mode says, and it normalized.
+        """Read one percept `[D]` as in eval mode; return also the normalized percept.
 
         Returns None if the percept is not finite or too large.
         """
@@ -162,7 +162,7 @@ class CompiledEngine:
         if status == kernels.ISOLATED:
             return done, np.sort(isolated[: isolated[-1]])
         if status == kernels.FULL and done == start and [nodes, edges] == before[: kernels.LISTED]:
-            # It is a list that is full, as the columns had capacity.
+            # The columns had capacity, so a list of edges is full.
             self._make_lists(len(self._lists), 2 * self._lists.shape[1])
         return done, _NO_NODES
 
@@ -221,10 +221,8 @@ class CompiledEngine:
         if same and read[2] == prototype.data_ptr() and read[3] == scale.data_ptr():
             return read[4], read[5]
         if prototype.dim() != 2 or scale.dim() != 1 or scale.dtype != torch.float32:
-            raise ValueError(
-                f"expected prototypes [nodes, D] and a float32 scale [D], got "
-                f"{list(prototype.shape)} and {scale.dtype} {list(scale.shape)}"
-            )
+            got = f"{describe(prototype)} and {describe(scale)}"
+            raise ValueError(f"expected prototypes [nodes, D] and a float32 scale [D], got {got}")
         nodes, factors = state.nodes.transposed("prototype"), _array_of(scale)
         if nodes[0].ctypes.data == prototype.data_ptr() and scale.is_contiguous():  # no copies
             addresses = prototype.data_ptr(), scale.data_ptr()

@@ -1,4 +1,4 @@
-"""The state of a growing map: its buffers, and what must hold of them."""
+"""The state of a growing map: its buffers and their invariants."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from torch import Tensor
 from pacnet.attention.records import NO_NODE
 from pacnet.core.growable_rows import GrowableRows, check_storage
 from pacnet.core.integrity import Checks, Tensors, are_bounded
-from pacnet.core.validation import MAX_SAMPLES
+from pacnet.core.validation import MAX_SAMPLES, describe
 
 
 class MapState(NamedTuple):
@@ -25,10 +25,9 @@ class MapState(NamedTuple):
         prototypes, scale = self.nodes.live("prototype"), self.buffers["scale"]
         wanted = (width,), (width,), prototypes.dtype
         if (prototypes.shape[1:], scale.shape, scale.dtype) != wanted:
-            got = [f"{rows.dtype} {list(rows.shape)}" for rows in (prototypes, scale)]
             raise ValueError(
                 f"expected prototypes [nodes, {width}] and a scale [{width}], as the config says, "
-                f"of one type, got {got[0]} and {got[1]}"
+                f"of one type, got {describe(prototypes)} and {describe(scale)}"
             )
         check_storage("scale", scale)
 
@@ -52,7 +51,7 @@ class MapState(NamedTuple):
 
 
 def map_holds(floor: float, tensors: Tensors) -> Checks:
-    """Return what must hold of a map's `state_dict`, given its lowest habituation."""
+    """Return the conditions on a map's `state_dict`, given its lowest habituation."""
     habituation, since = tensors["nodes.habituation"], tensors["nodes.habituated_at"]
     ends, age, time = tensors["edges.ends"], tensors["edges.age"], tensors["time"]
     nodes, floor = len(habituation), floor - (1e-6 if habituation.dtype != torch.half else 1e-3)

@@ -1,9 +1,9 @@
 """Checkpoints: a folder with `config.json` and `model.safetensors`, replaced atomically.
 
-Both files are written under temporary names and then renamed, the tensors first: from that rename
-on the new checkpoint counts. The header of `model.safetensors` holds two SHA-256 digests. That of
-the config tells a load between the two renames which config belongs to the tensors; that of the
-tensors detects damage. Digests do not protect against deliberate changes.
+Both files are written under temporary names and then renamed, the tensors first: that rename makes
+the new checkpoint valid. The header of `model.safetensors` holds two SHA-256 digests: that of the
+config tells which config belongs to the tensors, also between the two renames; that of the tensors
+detects damage. Digests do not protect against deliberate changes.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ def save_checkpoint(
     """Write the checkpoint of a model, replacing the one in the folder; other files stay.
 
     Args:
-        folder: made if it is missing.
+        folder: created if missing.
         kind: name of the model's class.
-        fields: fields of its config, in types that JSON can hold.
-        tensors: its `state_dict`.
+        fields: fields of the config, in types that JSON can hold.
+        tensors: the model's `state_dict`.
 
     Raises:
         ValueError: a tensor is not finite; nothing has been written.
@@ -96,7 +96,7 @@ def write_checkpoint(
     _finish_interrupted_write(folder)
     document = {"format": FORMAT, "version": VERSION, "config": config}
     text = (json.dumps(document, indent=2) + "\n").encode()
-    # Copies, for safetensors refuses tensors that share memory.
+    # Copies, because safetensors refuses tensors that share memory.
     copies = {
         name: tensor.detach().cpu().clone(memory_format=torch.contiguous_format)
         for name, tensor in tensors.items()
@@ -178,7 +178,7 @@ def _read_tensors(path: Path) -> tuple[dict[str, Tensor], str | None, str | None
 
 
 def _read_digests(path: Path, metadata: Mapping[str, str]) -> tuple[str | None, str | None]:
-    """Return the digests of config and tensors; None for one that is not there."""
+    """Return the digests of config and tensors, None for a missing one."""
     if metadata.keys() <= _OLD_ENTRIES:
         return metadata.get(_CONFIG_DIGEST), None
     digests = metadata.get(_DIGESTS, "")

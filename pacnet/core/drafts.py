@@ -31,14 +31,10 @@ _usual_interval: list[float] = []  # [s], once for each thread that learns
 
 
 class Lock:
-    """A reentrant lock of a module; a copy of the module gets another one.
-
-    Attributes:
-        lock: the lock itself, which is faster to enter.
-    """
+    """A reentrant lock of a module; a copy of the module gets another one."""
 
     def __init__(self) -> None:
-        self.lock = threading.RLock()
+        self.lock = threading.RLock()  # faster to enter than this object
 
     def __enter__(self) -> None:
         """Acquire it."""
@@ -66,7 +62,7 @@ def draft_of(module: _Module) -> _Module:
 
 
 def snapshot_of(module: _Module) -> _Module:
-    """Return a copy that shares the tensors and keeps them when the original gets others."""
+    """Return a copy with the same tensors, which it keeps when the original replaces its own."""
     return _copy(module, clone=False)
 
 
@@ -111,7 +107,7 @@ def _adopt(module: nn.Module, draft: nn.Module) -> None:
 
 
 class BufferVersions:
-    """Remembers buffers, to tell later whether they are still the same and unchanged.
+    """Remembers buffers, and detects later that one was replaced or changed.
 
     Args:
         modules: all buffers of these modules and their children.
@@ -153,7 +149,7 @@ class BufferVersions:
             return False
 
     def __getstate__(self) -> tuple[list[Any], bool]:
-        """Leave out addresses and versions, which are others in a copy."""
+        """Leave out addresses and versions, which differ in a copy."""
         places = list(zip(self._owners, self._names, self._buffers, strict=True))
         return places, self.unchanged()
 
@@ -172,10 +168,8 @@ def short_switch_interval() -> Iterator[None]:
     Python switches threads after 5 ms (`sys.setswitchinterval`), which is long for a control loop.
     """
     with _switching:
-        usual = _usual_interval[0] if _usual_interval else sys.getswitchinterval()
-        if not _usual_interval:
-            sys.setswitchinterval(min(_SHORT, usual))
-        _usual_interval.append(usual)
+        _usual_interval.append(_usual_interval[0] if _usual_interval else sys.getswitchinterval())
+        sys.setswitchinterval(min(_SHORT, _usual_interval[0]))
     try:
         yield
     finally:

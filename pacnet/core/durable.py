@@ -1,7 +1,6 @@
-"""Files that are whole and on the disk, or not there at all.
+"""Durable files: complete and on the disk, or absent.
 
-What is written is always a new file: a link at its path, or another name of the file that was
-there, does not lead the writer elsewhere.
+Every write makes a new file, so it never follows a link at the path.
 """
 
 import os
@@ -10,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-NEW = ".new"  # suffix of a file that is not yet whole
+NEW = ".new"  # suffix of a file that is not yet complete
 
 
 @contextmanager
@@ -24,7 +23,7 @@ def open_synced(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that replaces the one at the path as a whole; after a crash one is intact."""
+    """Replace the file at the path; after a crash the old or the new one is intact."""
     new = path.with_name(path.name + NEW)
     with open_synced(new) as file:
         file.write(content)

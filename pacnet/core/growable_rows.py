@@ -20,8 +20,8 @@ class Column(NamedTuple):
     shape: tuple[int, ...]
     dtype: torch.dtype
     transposed: bool = False
-    """Whether memory holds one dimension of all rows after the other, for columns of vectors.
-    Kernels that compare one vector with all rows read it faster."""
+    """Whether memory holds one dimension of all rows after the other, which kernels that compare a
+    vector with all rows read faster."""
 
 
 def check_storage(name: str, tensor: Tensor) -> Tensor:
@@ -64,8 +64,8 @@ class GrowableRows(nn.Module):
     the beginning of larger memory. Views that were taken before keep their rows when more are
     appended. A `state_dict` holds the rows alone; loading accepts any number of them.
 
-    Methods raise a ValueError, and change nothing, where somebody has replaced buffers by tensors
-    of other shapes or types, of unequal length, or whose memory is gone.
+    Methods raise a ValueError, and change nothing, if buffers were replaced by tensors of other
+    shapes or types, of unequal length, or without memory.
 
     Args:
         columns: the name of each column and what a row of it holds.
@@ -116,27 +116,24 @@ class GrowableRows(nn.Module):
         A transposed column is an array `[*shape, capacity]`, any other `[capacity, *shape]`. Call
         `set_length` after writing rows into them. Columns must have the types they were made with.
         """
-        memory = self._reserve(rows)
-        for name, (_, dtype, _) in self.columns.items():
-            own = memory[name]
-            if own.dtype != dtype or not own.is_cpu:
-                raise ValueError(
-                    f"expected {name} as {dtype} on the CPU, got {own.dtype} on {own.device}"
-                )
-        return {
-            name: (memory[name].T if column.transposed else memory[name]).numpy()
-            for name, column in self.columns.items()
-        }
+        arrays = {}
+        for name, memory in self._reserve(rows).items():
+            _, dtype, transposed = self.columns[name]
+            if memory.dtype != dtype or not memory.is_cpu:
+                got = f"{memory.dtype} on {memory.device}"
+                raise ValueError(f"expected {name} as {dtype} on the CPU, got {got}")
+            arrays[name] = (memory.T if transposed else memory).numpy()
+        return arrays
 
     def set_length(self, rows: int) -> None:
-        """Set the number of rows, at most the capacity; what memory holds becomes their values."""
+        """Set the number of rows, at most the capacity; new rows keep what memory holds."""
         for name, memory in self._memory.items():
             self._buffers[name] = memory[:rows]
 
     def select(self, rows: Tensor) -> None:
-        """Keep the rows with these numbers, int64 `[K]`, in this order, and drop all others.
+        """Keep only the rows with these numbers, int64 `[K]`, in this order.
 
-        They move to other memory, so another thread that reads the old rows sees them unchanged.
+        They move to other memory, so a thread that reads the old rows sees them unchanged.
         """
         self.check()
         with torch.inference_mode(False):  # a caller's would make them unchangeable later
@@ -148,9 +145,9 @@ class GrowableRows(nn.Module):
             self.set_length(len(rows))
 
     def swap_remove(self, rows: Tensor) -> None:
-        """Delete rows, int64 `[K]` ascending, where the order of the others does not matter.
+        """Delete rows, int64 `[K]` ascending, without keeping the order of the others.
 
-        From the highest number down, the row that is then the last moves to each one's place.
+        From the highest number down, the last row takes the place of each deleted one.
         """
         order = list(range(len(self)))
         for row in reversed(rows.tolist()):
@@ -174,13 +171,12 @@ class GrowableRows(nn.Module):
 
     def copy_memory(self) -> None:
         """Replace memory that is shared with another module by a copy of the same capacity."""
-        rows, buffers = len(self), self._buffers
+        rows, self._buffers = len(self), dict(self._buffers)
         if rows > 0 and all(self._capacity(name) >= rows for name in self.columns):
             self._memory = {name: memory.clone() for name, memory in self._memory.items()}
-            self._buffers = dict(buffers)
             self.set_length(rows)
         else:
-            self._buffers = {name: b if b is None else b.clone() for name, b in buffers.items()}
+            self._buffers.update((name, self.live(name).clone()) for name in self.columns)
 
     def transposed(self, name: str) -> tuple[NDArray[Any], int]:
         """Return a column on the CPU as an array `[*shape, ≥ rows]`, and the number of rows.
@@ -198,7 +194,7 @@ class GrowableRows(nn.Module):
         count = len(self)
         if all(self._capacity(name) >= count + rows for name in self.columns):
             return self._memory
-        # An odd number of cache lines, or the dimensions of a row would compete for one place.
+        # An odd number of cache lines, so that the dimensions of a row lie in different cache sets.
         capacity = max(count + rows, 2 * count, _MIN_CAPACITY)
         capacity = capacity // _TWO_LINES * _TWO_LINES + 3 * _TWO_LINES // 2
         grown = {}
@@ -206,7 +202,7 @@ class GrowableRows(nn.Module):
             for name in self.columns:
                 grown[name] = self._zeros(name, capacity)
                 grown[name][:count] = self.live(name)
-            self._memory = grown  # at the end: where memory is short, all stay as they are
+            self._memory = grown  # only now: without enough memory, nothing has changed
             self.set_length(count)
         return grown
 
@@ -248,10 +244,10 @@ def _check_shapes(columns: Mapping[str, Column], tensors: Mapping[str, Any], pre
 def _resize_to_loaded_rows(
     rows: nn.Module, state_dict: dict[str, Tensor], prefix: str, *_: object
 ) -> None:
-    """Resize every column to the loaded one, for `load_state_dict` refuses any other shape."""
+    """Resize every column to the loaded one, because `load_state_dict` refuses other shapes."""
     assert isinstance(rows, GrowableRows)
     if not any(prefix + name in state_dict for name in rows.columns):
-        return  # nothing of it is loaded: `load_state_dict` says so, if it is strict
+        return  # `load_state_dict` reports missing columns, if it is strict
     count = _check_shapes(rows.columns, state_dict, prefix)
     with torch.inference_mode(False):
         rows._memory = {name: rows._zeros(name, count) for name in rows.columns}
@@ -259,10 +255,10 @@ def _resize_to_loaded_rows(
 
 
 def in_single(rows: Tensor) -> Tensor:
-    """Return half precision as float32, for what cannot be computed in it; other rows as is."""
+    """Return rows in half precision as float32, other rows unchanged."""
     return rows.float() if rows.dtype in (torch.half, torch.bfloat16) else rows
 
 
 def as_array(rows: Tensor) -> NDArray[Any]:
-    """Return rows as a contiguous array, of the same memory where possible, half as single."""
+    """Return rows as a contiguous array, if possible without a copy; half precision as float32."""
     return in_single(rows.detach()).contiguous().numpy(force=True)

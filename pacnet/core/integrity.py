@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from pacnet.core.growable_rows import GrowableRows, check_storage
-from pacnet.core.validation import MAX_VALUE
+from pacnet.core.validation import MAX_VALUE, describe
 
 Tensors = Mapping[str, Tensor]
 Checks = dict[str, Tensor | bool]
@@ -83,10 +83,9 @@ def _check_own(kind: str, specs: Mapping[str, _Spec], tensors: Tensors) -> None:
         tensor = tensors[name]
         if not spec.fits(tensor, lengths.get(spec.group)):
             rows = [lengths.get(spec.group, "rows")] if spec.group else []
-            got = f"{tensor.dtype} {list(tensor.shape)}" if isinstance(tensor, Tensor) else tensor
             raise ValueError(
                 f"expected {name} of {kind} as {'integers' if spec.exact else 'float'} of shape "
-                f"{[*rows, *spec.shape]}, got {got}"
+                f"{[*rows, *spec.shape]}, got {describe(tensor)}"
             )
         check_storage(name, tensor)
         if spec.group:
@@ -106,7 +105,7 @@ class _Spec(NamedTuple):
     exact: torch.dtype | None  # None for any floating-point type
 
     def fits(self, tensor: object, length: int | None) -> bool:
-        """Whether a tensor looks like this; `length` is that of its group, where it is known."""
+        """Return whether a tensor looks like this, given the length of its group if it is known."""
         if not _is_dense(tensor) or tensor.dtype not in ((self.exact,) if self.exact else _FLOATS):
             return False
         if not self.group:
@@ -132,12 +131,12 @@ def _specs(module: nn.Module, prefix: str = "") -> Iterator[tuple[str, _Spec]]:
 
 
 def check_model(model: object, tensors: Tensors, strict: bool) -> None:
-    """Check what is to be loaded into a forward model, before all else is copied.
+    """Check tensors that are to be loaded into a forward model.
 
     Args:
         model: the forward model, or None.
         tensors: by name.
-        strict: whether all names have to be there, and no others.
+        strict: whether missing and extra names are refused.
 
     Raises:
         ValueError: naming what is missing, unexpected or misshapen.
@@ -150,20 +149,21 @@ def check_model(model: object, tensors: Tensors, strict: bool) -> None:
         fits = _is_dense(got) and isinstance(wanted, Tensor) and got.shape == wanted.shape
         if isinstance(wanted, Tensor) and not fits:
             raise ValueError(
-                f"expected {name} of the forward model of shape {list(wanted.shape)}, got {got}"
+                f"expected {name} of the forward model of shape {list(wanted.shape)}, "
+                f"got {describe(got)}"
             )
-    check_values = getattr(model, "check_loaded", None)  # of models that learn
-    if callable(check_values):
-        check_values(tensors)
+    check_loaded = getattr(model, "check_loaded", None)  # of this library's models
+    if callable(check_loaded):
+        check_loaded(tensors)
 
 
 def check_tensors(model: nn.Module, tensors: Tensors, like: str) -> None:
     """Check names, types and shapes of a checkpoint's tensors against a model's own.
 
     Args:
-        model: takes the float type of the tensor `like` first; it may be on the meta device.
+        model: is first cast to the dtype of the tensor `like`; it may be on the meta device.
         tensors: by name.
-        like: name of the tensor whose dtype is the model's.
+        like: name of the tensor that has the model's dtype.
 
     Raises:
         ValueError: a missing, extra or misshapen tensor, or one of another dtype.
@@ -176,8 +176,7 @@ def check_tensors(model: nn.Module, tensors: Tensors, like: str) -> None:
         got = tensors[name]
         if (got.dtype, got.shape) != (own.dtype, own.shape):
             raise ValueError(
-                f"expected {name} of {kind} as {own.dtype} {list(own.shape)}, "
-                f"got {got.dtype} {list(got.shape)}"
+                f"expected {name} of {kind} as {own.dtype} {list(own.shape)}, got {describe(got)}"
             )
 
 

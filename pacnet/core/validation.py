@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-MAX_SAMPLES = 2**62  # [samples], of which an int64 holds the sum of two
+MAX_SAMPLES = 2**62  # [samples]; the sum of two fits into an int64
 MAX_VALUE = 1e17
 """Largest size of a number whose distances are taken: its squares still add up in float32."""
 _FLOAT32 = np.dtype(np.float32)
@@ -23,7 +23,7 @@ def check_rows(
     """Check a batch or sequence of rows and return it unchanged.
 
     Args:
-        name: what the rows are, for the message.
+        name: name of the rows, for the message.
         value: expected is a tensor `[rows ≥ 1, columns]`.
         columns: the expected number of columns.
         like: a tensor of the expected dtype and device.
@@ -63,6 +63,14 @@ def check_bounded(name: str, value: object, columns: int, like: Tensor) -> Tenso
     return value
 
 
+def describe(value: object) -> str:
+    """Return dtype, shape and device of an array or tensor, or the type of anything else."""
+    if not isinstance(value, np.ndarray | Tensor):
+        return type(value).__name__
+    device = f" on {value.device}" if isinstance(value, Tensor) and not value.is_cpu else ""
+    return f"{value.dtype} {list(value.shape)}{device}"
+
+
 def check_same_length(**rows: Tensor) -> None:
     """Raise a ValueError unless the named tensors have equally many rows."""
     counts = {name: len(value) for name, value in rows.items()}
@@ -71,7 +79,7 @@ def check_same_length(**rows: Tensor) -> None:
 
 
 def check_row(name: str, value: object, columns: int) -> NDArray[np.float32]:
-    """Return one row of a control loop as an array; whether it is finite is left to the kernel.
+    """Return one row of a control loop as an array; the kernel checks that it is finite.
 
     Raises:
         ValueError: not an array, or tensor on the CPU, of float32 `[columns]`.
@@ -85,23 +93,19 @@ def check_row(name: str, value: object, columns: int) -> NDArray[np.float32]:
         is_float32 = row.dtype is _FLOAT32 or row.dtype == _FLOAT32
         if is_float32 and row.shape == (columns,):
             return row if row.flags.carray else row.copy()  # numba compiles per memory layout
-    if isinstance(row, np.ndarray):
-        got = f"{row.dtype} {list(row.shape)}"
-    elif isinstance(value, Tensor):
-        got = f"a {value.dtype} tensor {list(value.shape)} on {value.device}"
-    else:
-        got = type(value).__name__
-    raise ValueError(f"expected {name} as a float32 array of shape [{columns}], got {got}")
+    raise ValueError(
+        f"expected {name} as a float32 array of shape [{columns}], got {describe(value)}"
+    )
 
 
 def check_index(name: str, value: object, count: int, *, optional: bool = False) -> int:
     """Check the index of one of several things, any kind of integer, and return it as an int.
 
     Args:
-        name: what it is the index of, for the message.
-        value: what the caller gave.
+        name: kind of the indexed things, for the message.
+        value: the index.
         count: how many there are.
-        optional: whether −1 stands for none of them.
+        optional: whether −1, for none of them, is valid.
 
     Raises:
         ValueError: not an integer, or out of range.
@@ -128,8 +132,7 @@ def check_indices(name: str, value: object, count: int) -> Tensor:
         or value.layout != torch.strided
         or (value.dtype, value.dim()) != (torch.int64, 1)
     ):
-        got = f"{value.dtype} {list(value.shape)}" if isinstance(value, Tensor) else repr(value)
-        raise ValueError(f"expected {name} as an int64 tensor [K], got {got}")
+        raise ValueError(f"expected {name} as an int64 tensor [K], got {describe(value)}")
     if len(value) and not (
         int(value[0]) >= 0 and int(value[-1]) < count and bool((value[1:] > value[:-1]).all())
     ):
@@ -140,10 +143,10 @@ def check_indices(name: str, value: object, count: int) -> Tensor:
 
 
 def as_batch(row: Any, *, arrays: bool = False) -> Any:
-    """Return a row `[D]` as a batch `[1, D]`; what is no tensor stays, for `check_rows` to refuse.
+    """Return a row `[D]` as a batch `[1, D]`; other values are unchanged, and refused later.
 
     Args:
-        row: a tensor; other values are returned unchanged.
+        row: a tensor.
         arrays: whether a numpy array is copied into a tensor first.
     """
     if arrays and isinstance(row, np.ndarray) and not isinstance(row, np.ma.MaskedArray):
@@ -155,11 +158,11 @@ def as_batch(row: Any, *, arrays: bool = False) -> Any:
 
 
 def check_fields(config: object, checks: dict[str, tuple[bool, str]]) -> None:
-    """Raise a ValueError for the first field of a config that is not valid.
+    """Raise a ValueError for the first invalid field of a config dataclass.
 
     Args:
-        config: the config dataclass.
-        checks: for each field, whether its value is valid and what would be.
+        config: the dataclass.
+        checks: for each field, whether its value is valid, and which values are.
     """
     for field, (valid, wanted) in checks.items():
         if not valid:
