@@ -17,6 +17,7 @@ from torch import Tensor
 from pacnet.attention import kernels
 from pacnet.attention.config import SOFMConfig
 from pacnet.attention.eager import activate
+from pacnet.attention.edge_kernels import EDGES, FULL, INVALID, ISOLATED, LISTED, NODES, NOT_LISTED
 from pacnet.attention.kernel_records import Record, map_update, rules_of
 from pacnet.attention.records import Attention, MapUpdate, Step
 from pacnet.attention.state import MapState
@@ -150,18 +151,18 @@ class CompiledEngine:
         except BaseException:  # a Ctrl-C on the way back: new rows stay beyond the buffers' ends
             self._buffers = ()
             raise
-        if nodes != before[kernels.NODES] or edges != before[kernels.EDGES]:
+        if nodes != before[NODES] or edges != before[EDGES]:
             state.nodes.set_length(nodes)
             state.edges.set_length(edges)
             self._note_buffers(state)
-        if status == kernels.INVALID:
+        if status == INVALID:
             raise ValueError(
                 f"expected percepts of {len(columns[0])} dimensions, and edges between two of "
                 f"{nodes} nodes each, got others"
             )
-        if status == kernels.ISOLATED:
+        if status == ISOLATED:
             return done, np.sort(isolated[: isolated[-1]])
-        if status == kernels.FULL and done == start and [nodes, edges] == before[: kernels.LISTED]:
+        if status == FULL and done == start and [nodes, edges] == before[:LISTED]:
             # The columns had capacity, so a list of edges is full.
             self._make_lists(len(self._lists), 2 * self._lists.shape[1])
         return done, _NO_NODES
@@ -187,21 +188,21 @@ class CompiledEngine:
             raise ValueError(f"expected time as torch.int64, got {time.dtype}")
         self._columns = columns = (*of_nodes.values(), *of_edges.values(), time)
         self._note_buffers(state)
-        counts[: kernels.LISTED] = len(state.nodes), len(state.edges)
+        counts[:LISTED] = len(state.nodes), len(state.edges)
         capacity, edge_capacity = of_nodes["prototype"].shape[-1], len(of_edges["age"])
         if len(self._lists) != capacity:
             self._make_lists(capacity, self._lists.shape[1])
             self._isolated = np.zeros(capacity + 1, np.int64)
         if len(self._listed_ends) != edge_capacity:
             self._listed_ends = np.zeros((edge_capacity, 2), np.int64)
-            counts[kernels.LISTED] = kernels.NOT_LISTED
+            counts[LISTED] = NOT_LISTED
         return columns
 
     def _make_lists(self, nodes: int, longest: int) -> None:
         """Make empty lists, for so many nodes and so many edges of each."""
         self._lists = np.zeros((nodes, longest), np.int64)
         self._degree = np.zeros(nodes, np.int64)
-        self._counts[kernels.LISTED] = kernels.NOT_LISTED
+        self._counts[LISTED] = NOT_LISTED
 
     def _note_buffers(self, state: MapState) -> None:
         self._buffers = _buffers_of(state)

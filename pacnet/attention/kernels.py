@@ -3,18 +3,16 @@
 `pacnet.attention.eager` is the specification; these kernels follow it line by line on arrays that
 share the map's memory, and round as it does, so that exact data give the same bytes.
 
-N nodes and E edges are in use, of a capacity of C and F. Beside the edges, each node has a list of
-the edges that end at it: a search among all edges would take longer than everything else.
+N nodes and E edges are in use, of a capacity of C and F; see `edge_kernels`.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from pacnet.attention import edge_kernels as edges
+from pacnet.attention.edge_kernels import EDGES, NO_NODE, NODES, MapArrays
 from pacnet.kernels.distances import squared_distances
 from pacnet.kernels.engine import announce_compilation
 
@@ -22,28 +20,6 @@ announce_compilation()
 
 # What happened to a sample, as bits of one byte.
 NOVEL, INSERTED, IGNORED, DISHABITUATED, HABITUATED = 1, 2, 4, 8, 16
-
-# Why `learn` returned.
-DONE, FULL, ISOLATED, INVALID = 0, 1, 2, 3
-
-NO_NODE = -1  # as in `pacnet.attention.records`; a literal here, so that it is compiled in
-NODES, EDGES, LISTED = 0, 1, 2  # indices in `counts`
-NOT_LISTED = -1  # value of the last one
-
-
-class MapArrays(NamedTuple):
-    """The map's memory, and the lists of edges."""
-
-    prototype: NDArray[np.float32]  # [D, C]
-    habituation: NDArray[np.float32]  # [C]
-    habituated_at: NDArray[np.int64]  # [C]
-    ends: NDArray[np.int64]  # [F, 2]
-    age: NDArray[np.int64]  # [F]
-    time: NDArray[np.int64]  # [1], samples learned
-    lists: NDArray[np.int64]  # [C, M], indices of each node's edges
-    degree: NDArray[np.int64]  # [C], number of each node's edges
-    listed_ends: NDArray[np.int64]  # [F, 2], ends of the edges in the lists
-    counts: NDArray[np.int64]  # [3]: N, E, and N when the lists held all edges
 
 
 @njit(cache=True)
@@ -107,8 +83,8 @@ def learn(  # noqa: C901
         prototype, habituation, habituated_at, ends, age, time, lists, degree, listed_ends, counts
     )
     rule = rules[0]
-    status = _list_edges(arrays) if _fits_together(percepts, arrays) else INVALID
-    if status != DONE:
+    status = edges.list_edges(arrays) if _fits_together(percepts, arrays) else edges.INVALID
+    if status != edges.DONE:
         return start, status, counts[NODES], counts[EDGES]
     stale = True  # whether an edge may be too old, as one that was loaded
     capacity, first = prototype.shape[1], np.int64(0)
@@ -122,8 +98,8 @@ def learn(  # noqa: C901
             or counts[EDGES] + 2 > len(age)
             or (best != NO_NODE and max(degree[best], degree[max(second, 0)]) == lists.shape[1])
         ):
-            _note_listed(arrays)
-            return sample, FULL, counts[NODES], counts[EDGES]
+            edges.note_listed(arrays)
+            return sample, edges.FULL, counts[NODES], counts[EDGES]
         time[0] += 1
         winner[sample], runner_up[sample] = best, second
         activation[sample] = _activation(best, distance)
@@ -162,7 +138,7 @@ def learn(  # noqa: C901
             if ends[edge, 0] + ends[edge, 1] - best == second:
                 age[edge], joined = 0, True
         if not joined:
-            _join(best, second, arrays)
+            edges.join(best, second, arrays)
         rate, decay = rule.winner_rate, rule.winner_decay
         node = best
         for index in range(-1, degree[best]):
@@ -187,10 +163,10 @@ def learn(  # noqa: C901
                 habituated_at[node] = time[0]
         if stale:
             stale = False
-            if _drop_old_edges(arrays, rule, isolated) > 0:
-                return sample + 1, ISOLATED, counts[NODES], counts[EDGES]
-    _note_listed(arrays)
-    return len(percepts), DONE, counts[NODES], counts[EDGES]
+            if edges.drop_old_edges(arrays, rule, isolated) > 0:
+                return sample + 1, edges.ISOLATED, counts[NODES], counts[EDGES]
+    edges.note_listed(arrays)
+    return len(percepts), edges.DONE, counts[NODES], counts[EDGES]
 
 
 @njit
@@ -213,17 +189,17 @@ def _activation(winner, distance):
 @njit
 def _insert(percepts, sample, winner, runner_up, arrays, rule):
     node = _add_node(percepts, sample, arrays, rule)
-    _join(winner, node, arrays)
+    edges.join(winner, node, arrays)
     if rule.insert_at_percept:
         return
     for d in range(percepts.shape[1]):
         middle = (arrays.prototype[d, winner] + percepts[sample, d]) / np.float32(2)
         arrays.prototype[d, node] = middle
     if runner_up != NO_NODE:
-        _join(runner_up, node, arrays)
-        edge = _edge_between(winner, runner_up, arrays)
+        edges.join(runner_up, node, arrays)
+        edge = edges.edge_between(winner, runner_up, arrays)
         if edge != NO_NODE:
-            _drop_edge(edge, arrays)
+            edges.drop_edge(edge, arrays)
 
 
 @njit
@@ -236,115 +212,3 @@ def _add_node(percepts, sample, arrays, rule):
     arrays.degree[node] = 0
     arrays.counts[NODES] = node + 1
     return node
-
-
-@njit
-def _join(one, other, arrays):
-    """Make an edge between two nodes, or set its age to 0."""
-    if other == NO_NODE:
-        return
-    edge = _edge_between(one, other, arrays)
-    if edge == NO_NODE:
-        edge = arrays.counts[EDGES]
-        arrays.counts[EDGES] = edge + 1
-        arrays.ends[edge, 0], arrays.ends[edge, 1] = min(one, other), max(one, other)
-        _list(edge, one, arrays)
-        _list(edge, other, arrays)
-    arrays.age[edge] = 0
-
-
-@njit
-def _edge_between(one, other, arrays):
-    for index in range(arrays.degree[one]):
-        edge = arrays.lists[one, index]
-        if arrays.ends[edge, 0] + arrays.ends[edge, 1] - one == other:
-            return edge
-    return NO_NODE
-
-
-@njit
-def _list(edge, node, arrays):
-    arrays.lists[node, arrays.degree[node]] = edge
-    arrays.degree[node] += 1
-
-
-@njit
-def _index_of(edge, node, arrays):
-    """Return the index of an edge in a node's list."""
-    for index in range(arrays.degree[node]):
-        if arrays.lists[node, index] == edge:
-            return index
-    return 0  # does not happen: the edge is listed at both of its ends
-
-
-@njit
-def _drop_edge(edge, arrays):
-    """Delete an edge; the last one takes its index."""
-    last = arrays.counts[EDGES] - 1
-    for end in range(2):
-        node = arrays.ends[edge, end]
-        last_listed = arrays.degree[node] - 1
-        arrays.lists[node, _index_of(edge, node, arrays)] = arrays.lists[node, last_listed]
-        arrays.degree[node] = last_listed
-    if edge != last:
-        for end in range(2):
-            node = arrays.ends[last, end]
-            arrays.lists[node, _index_of(last, node, arrays)] = edge
-            arrays.ends[edge, end] = node
-        arrays.age[edge] = arrays.age[last]
-    arrays.counts[EDGES] = last
-
-
-@njit
-def _drop_old_edges(arrays, rule, isolated):
-    """Delete old edges; write the nodes left without an edge to `isolated`, return their number."""
-    count = 0
-    for edge in range(arrays.counts[EDGES] - 1, -1, -1):
-        if arrays.age[edge] > rule.max_edge_age:
-            one, other = arrays.ends[edge, 0], arrays.ends[edge, 1]
-            _drop_edge(edge, arrays)
-            for node in (one, other):
-                if arrays.degree[node] == 0:
-                    isolated[count] = node
-                    count += 1
-    isolated[-1] = count
-    return count
-
-
-@njit
-def _list_edges(arrays):
-    """List the edges of each node, unless the lists are current."""
-    listed = _are_listed(arrays)
-    arrays.counts[LISTED] = NOT_LISTED  # until `learn` has finished
-    if listed:
-        return DONE
-    nodes, longest = arrays.counts[NODES], arrays.lists.shape[1]
-    arrays.degree[:] = 0
-    for edge in range(arrays.counts[EDGES]):
-        one, other = arrays.ends[edge, 0], arrays.ends[edge, 1]
-        if not (0 <= one < nodes and 0 <= other < nodes and one != other):
-            return INVALID
-        if max(arrays.degree[one], arrays.degree[other]) == longest:
-            return FULL
-        _list(edge, one, arrays)
-        _list(edge, other, arrays)
-    return DONE
-
-
-@njit
-def _note_listed(arrays):
-    """Note that the lists hold the current edges."""
-    for edge in range(arrays.counts[EDGES]):
-        for end in range(2):
-            arrays.listed_ends[edge, end] = arrays.ends[edge, end]
-    arrays.counts[LISTED] = arrays.counts[NODES]
-
-
-@njit
-def _are_listed(arrays):
-    """Return whether the lists hold exactly these edges, of as many nodes."""
-    changed = arrays.counts[LISTED] != arrays.counts[NODES]
-    for edge in range(arrays.counts[EDGES]):
-        for end in range(2):
-            changed |= arrays.listed_ends[edge, end] != arrays.ends[edge, end]
-    return not changed
