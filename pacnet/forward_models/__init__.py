@@ -1,10 +1,11 @@
 """Forward models: from a target state to an action."""
 
 from pacnet.forward_models.candidates import Selection
-from pacnet.forward_models.mlp import MLPForwardModel, MLPForwardModelConfig
+from pacnet.forward_models.config import MLPForwardModelConfig, TransitionMatrixConfig
+from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.forward_models.pid import PIDConfig, PIDController
 from pacnet.forward_models.protocol import Command, ForwardModel, OneStateForwardModel
-from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
+from pacnet.forward_models.transition_matrix import TransitionMatrix
 
 __all__ = [
     "Command",

@@ -16,14 +16,7 @@ from torch import Tensor, nn
 from pacnet.core.checkpoint import load_checkpoint, rebuild_config, save_checkpoint
 from pacnet.core.drafts import Lock
 from pacnet.core.integrity import check_finite, check_names, check_tensors, part_of
-from pacnet.core.validation import (
-    as_batch,
-    check_fields,
-    check_rows,
-    check_same_length,
-    is_integer,
-    is_number,
-)
+from pacnet.core.validation import as_batch, check_rows, check_same_length, describe
 from pacnet.forward_models.protocol import Command
 
 
@@ -45,11 +38,11 @@ class Selection(NamedTuple):
 class CandidateModel(nn.Module):
     """Base of the models that choose among candidate actions by their predicted states.
 
-    A subclass names its config and the tensor whose dtype is the model's, and defines `outcomes`
-    and `check_values`.
+    A subclass sets `config_type` and `float_tensor`, which names a tensor of the model's dtype, and
+    defines `outcomes` and `check_values`.
 
     Args:
-        config: settings, checked by `check_candidate_config`.
+        config: settings of the subclass, see `config.py`.
     """
 
     config_type: ClassVar[type]
@@ -62,7 +55,7 @@ class CandidateModel(nn.Module):
         super().__init__()
         self.config = config
         self.register_buffer("candidates", torch.tensor(config.candidates), persistent=False)
-        self._lock = Lock()  # held while what was learned is read, and while it is replaced
+        self._lock = Lock()  # held while learned tensors are read or replaced
         self.register_load_state_dict_pre_hook(_check_loaded)
 
     @property
@@ -80,7 +73,7 @@ class CandidateModel(nn.Module):
 
     @abstractmethod
     def check_values(self, tensors: Mapping[str, Tensor]) -> None:
-        """Raise a ValueError if the values in a `state_dict` of the right form are invalid."""
+        """Raise a ValueError if values are invalid in a `state_dict` of valid names and shapes."""
 
     @torch.no_grad()
     def select(self, state: Tensor, target: Tensor, candidates: Tensor | None = None) -> Selection:
@@ -124,7 +117,7 @@ class CandidateModel(nn.Module):
         """Do nothing: the model keeps no state during an episode."""
 
     def check_loaded(self, tensors: Mapping[str, Any]) -> None:
-        """Check tensors that are to be loaded, all of its `state_dict` or some.
+        """Check tensors that are to be loaded, the whole `state_dict` or a part.
 
         Raises:
             ValueError: a tensor of another shape or kind, not finite, or with invalid values.
@@ -136,11 +129,9 @@ class CandidateModel(nn.Module):
             fits = isinstance(tensor, Tensor) and tensor.shape == wanted.shape
             floats = fits and tensor.is_floating_point() and wanted.is_floating_point()
             if not fits or not (floats or tensor.dtype == wanted.dtype):
-                is_tensor = isinstance(tensor, Tensor)
-                got = f"{tensor.dtype} {list(tensor.shape)}" if is_tensor else tensor
                 raise ValueError(
-                    f"expected {name} of {type(self).__name__} as {wanted.dtype} "
-                    f"{list(wanted.shape)}, got {got}"
+                    f"expected {name} of {type(self).__name__} as {describe(wanted)}, "
+                    f"got {describe(tensor)}"
                 )
         check_finite(loaded)
         self.check_values(own | loaded)
@@ -223,37 +214,5 @@ def kernels() -> ModuleType:
     return candidate_kernels
 
 
-def check_candidate_config(config: Any) -> None:
-    """Validate the fields that all models share; turn the candidates into tuples (JSON has lists).
-
-    Raises:
-        ValueError: naming the first field of another type or out of range.
-    """
-    threshold, actions = config.abstain_below, config.candidates
-    check_fields(
-        config,
-        {
-            "state_dimensions": (is_integer(config.state_dimensions, 1), "≥ 1"),
-            "action_dimensions": (is_integer(config.action_dimensions, 1), "≥ 1"),
-            "steps": (is_integer(config.steps, 1), "≥ 1"),
-            "abstain_below": (is_number(threshold) and threshold >= 0, "≥ 0 and finite"),
-            "candidates": (
-                _are_actions(actions, config.action_dimensions),
-                "to be one or more actions, each of action_dimensions finite numbers",
-            ),
-        },
-    )
-    rows = tuple(tuple(float(value) for value in action) for action in actions)
-    object.__setattr__(config, "candidates", rows)
-
-
 def _check_loaded(model: Any, state_dict: dict[str, Any], prefix: str, *_: object) -> None:
     model.check_loaded(part_of(state_dict, prefix))
-
-
-def _are_actions(rows: Any, columns: int) -> bool:
-    def is_action(row: Any) -> bool:
-        is_row = isinstance(row, tuple | list) and len(row) == columns
-        return is_row and all(map(is_number, row))
-
-    return isinstance(rows, tuple | list) and len(rows) > 0 and all(map(is_action, rows))

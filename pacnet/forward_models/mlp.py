@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.core.interrupts import defer_sigint
-from pacnet.core.validation import check_fields, check_row, is_integer
-from pacnet.forward_models.candidates import CandidateModel, check_candidate_config, kernels
+from pacnet.core.validation import check_row
+from pacnet.forward_models.candidates import CandidateModel, kernels
+from pacnet.forward_models.config import MLPForwardModelConfig
 from pacnet.forward_models.fitting import (
     FitReport,
     Progress,
@@ -31,40 +31,6 @@ from pacnet.forward_models.fitting import (
 from pacnet.forward_models.mlp_arrays import NORMALISERS, MLPArrays, MLPArraysCache
 
 _UNBOUNDED = torch.finfo(torch.float32).max
-
-
-@dataclass(frozen=True)
-class MLPForwardModelConfig:
-    """Settings of an `MLPForwardModel`.
-
-    Attributes:
-        state_dimensions: length S of a state and of a target.
-        action_dimensions: length U of an action.
-        candidates: the K ≥ 1 actions that `command` chooses from.
-        hidden: width of each hidden layer; if empty, the model is linear.
-        steps: number of time steps for which an action is held. The model is fitted to one step;
-            for more it continues from its own prediction.
-        abstain_below: spread of the candidates' predicted states, in the state's unit, below which
-            no action is given. A single candidate has spread 0.
-
-    Raises:
-        ValueError: a field of another type or out of range.
-    """
-
-    state_dimensions: int
-    action_dimensions: int
-    candidates: tuple[tuple[float, ...], ...]
-    hidden: tuple[int, ...] = (64, 64)
-    steps: int = 1
-    abstain_below: float = 0.03
-
-    def __post_init__(self) -> None:
-        """Validate the fields and turn sequences into tuples (JSON has lists)."""
-        check_candidate_config(self)
-        layers = isinstance(self.hidden, tuple | list)
-        valid = layers and all(is_integer(width, 1) for width in self.hidden)
-        check_fields(self, {"hidden": (valid, "to be a tuple of widths ≥ 1")})
-        object.__setattr__(self, "hidden", tuple(self.hidden))
 
 
 class MLPForwardModel(CandidateModel):
@@ -116,8 +82,7 @@ class MLPForwardModel(CandidateModel):
         """Predict the change `[B, S]` of states `[B, S]` in one time step of actions `[B, U]`.
 
         Raises:
-            ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite;
-                unequal numbers of rows.
+            ValueError: as `command`.
         """
         self._check(states=states, actions=actions)
         return self._predict_change(states, actions)
@@ -140,14 +105,9 @@ class MLPForwardModel(CandidateModel):
     def command_one(
         self, state: NDArray[np.float32] | Tensor, target: NDArray[np.float32] | Tensor
     ) -> NDArray[np.float32] | None:
-        """Return the action `[U]` for one state of a control loop, in microseconds.
+        """Return the action `[U]` that `command` gives, in microseconds; None if it abstains.
 
-        Args:
-            state: `[S]`, float32, an array or a tensor on the CPU.
-            target: `[S]`, as the state.
-
-        Returns:
-            What `command` returns for them; None if it abstains.
+        State and target are float32 `[S]`, arrays or tensors on the CPU.
 
         Raises:
             ValueError: a state or target of the wrong shape, dtype or device, or not finite.
@@ -190,9 +150,8 @@ class MLPForwardModel(CandidateModel):
                 raise ValueError(f"expected {name} > 0, got {tensors[name].tolist()}")
         low, high = tensors["state_low"], tensors["state_high"]
         if bool((low > high).any()):
-            raise ValueError(
-                f"expected state_low ≤ state_high, got {low.tolist()}, {high.tolist()}"
-            )
+            got = f"{low.tolist()}, {high.tolist()}"
+            raise ValueError(f"expected state_low ≤ state_high, got {got}")
 
     def fit(
         self,
@@ -203,12 +162,12 @@ class MLPForwardModel(CandidateModel):
         seed: int,
         progress: Progress | None = None,
     ) -> FitReport:
-        """Learn from transitions; replace what was learned before, in eval mode too.
+        """Learn from transitions, in eval mode too; an earlier fit is replaced.
 
         A fifth of the blocks of 50 successive transitions is held out. The fit ends when their
         loss has not fallen for 20 epochs, or after 200 epochs, and the best weights are kept. It
-        runs in float32 on the CPU, which is fastest for so small a network; the same seed gives
-        the same bytes. After a Ctrl-C the model is as before.
+        runs in float32 on the CPU, which is fastest for such small networks; the same seed gives
+        the same bytes. A Ctrl-C leaves the model unchanged.
 
         Args:
             states: `[T, S]`, in order of time.
@@ -272,7 +231,7 @@ class MLPForwardModel(CandidateModel):
         return states
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> MLPForwardModel:
-        """Do what `to`, `float` and the like need, but keep the normalisers in float64."""
+        """Move or cast the module, as `to` and `float` do, but keep the normalisers in float64."""
         exact = {name: self.get_buffer(name) for name in NORMALISERS}
         super()._apply(fn, recurse)
         for name, buffer in exact.items():

@@ -129,11 +129,8 @@ class PIDController(nn.Module):
                 unequal numbers of rows.
         """
         batch = {
-            "angles": angles,
-            "velocities": velocities,
-            "targets": targets,
-            "integral": integral,
-        }
+            "angles": angles, "velocities": velocities, "targets": targets, "integral": integral,
+        }  # fmt: skip
         if target_velocities is not None:
             batch["target_velocities"] = target_velocities
         for name, value in batch.items():

@@ -28,7 +28,7 @@ class Command(NamedTuple):
 
 @runtime_checkable
 class ForwardModel(Protocol):
-    """What `PACNet` and `SchemaNetwork` need of a forward model, the library's own or a user's.
+    """The interface that `PACNet` and `SchemaNetwork` need; a class of yours can fulfil it.
 
     Example:
         >>> import torch
@@ -54,7 +54,7 @@ class ForwardModel(Protocol):
         ...
 
     def reset(self) -> None:
-        """Start an episode: forget what was remembered of the last one."""
+        """Start an episode: forget the state of the last one."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""The paper's own forward model: how often each action led from one kind of state to another.
+"""The paper's own forward model: counts how often an action led from one cluster to another.
 
 Source: Maistros, Marom & Hayes (2001), Experiment 2: the robot "collects information about
 state-transitions. The transition matrix is then stored and used later as a forward model." The
@@ -9,47 +9,16 @@ candidate actions.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from pacnet.core.interrupts import defer_sigint
-from pacnet.core.validation import check_fields, check_rows, is_integer
-from pacnet.forward_models.candidates import CandidateModel, check_candidate_config
+from pacnet.core.validation import check_rows
+from pacnet.forward_models.candidates import CandidateModel
+from pacnet.forward_models.config import TransitionMatrixConfig
 from pacnet.forward_models.kmeans import kmeans, nearest
-
-
-@dataclass(frozen=True)
-class TransitionMatrixConfig:
-    """Settings of a `TransitionMatrix`.
-
-    Attributes:
-        state_dimensions: length S of a state and of a target.
-        action_dimensions: length U of an action.
-        candidates: the K ≥ 1 actions that `command` chooses from. Every other action counts as
-            the nearest of them (Euclidean); ties go to the lowest index.
-        clusters: number C of clusters of states.
-        steps: number of time steps for which an action is held.
-        abstain_below: spread of the candidates' predicted states, in the state's unit, below which
-            no action is given. A single candidate has spread 0.
-
-    Raises:
-        ValueError: a field of another type or out of range.
-    """
-
-    state_dimensions: int
-    action_dimensions: int
-    candidates: tuple[tuple[float, ...], ...]
-    clusters: int = 60
-    steps: int = 1
-    abstain_below: float = 0.03
-
-    def __post_init__(self) -> None:
-        """Validate the fields and turn sequences into tuples (JSON has lists)."""
-        check_candidate_config(self)
-        check_fields(self, {"clusters": (is_integer(self.clusters, 1), "≥ 1")})
 
 
 class MatrixFitReport(NamedTuple):
@@ -103,11 +72,10 @@ class TransitionMatrix(CandidateModel):
     def predict(self, states: Tensor, actions: Tensor) -> Tensor:
         """Predict the states `[B, S]` after `config.steps` time steps of actions `[B, U]`.
 
-        Without a transition to predict from, the row is NaN.
+        A row without transitions to predict from is NaN.
 
         Raises:
-            ValueError: a tensor of the wrong shape, dtype or device, without rows, or not finite;
-                unequal numbers of rows.
+            ValueError: as `command`.
         """
         self._check(states=states, actions=actions)
         return self._expect(nearest(states, self.centroids), nearest(actions, self.candidates))
@@ -129,7 +97,7 @@ class TransitionMatrix(CandidateModel):
     def fit(
         self, states: Tensor, actions: Tensor, next_states: Tensor, *, seed: int
     ) -> MatrixFitReport:
-        """Learn from transitions; replace what was learned before, in eval mode too.
+        """Learn from transitions, in eval mode too; an earlier fit is replaced.
 
         The fit runs on the CPU in float64; the same seed gives the same bytes on every device.
 
@@ -162,7 +130,7 @@ class TransitionMatrix(CandidateModel):
         """Return the expected states of clusters and actions, which broadcast; NaN if unknown."""
         shares = self._probabilities(self.counts[clusters, actions])  # [..., C]
         matrix = self._probabilities(self.counts.transpose(0, 1)[actions])  # [..., C, C]
-        # From a cluster in which the action was never tried, the state stays there.
+        # An action that was never tried in a cluster is taken to keep the state there.
         untried = matrix.isnan().any(dim=-1, keepdim=True)
         stay = torch.eye(matrix.shape[-1], dtype=matrix.dtype, device=matrix.device)
         matrix = torch.where(untried, stay, matrix)

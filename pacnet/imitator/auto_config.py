@@ -17,8 +17,8 @@ from pacnet.competition.belief import RecognitionConfig
 from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.core.validation import is_integer
 from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.forward_models.config import MLPForwardModelConfig
 from pacnet.forward_models.kmeans import kmeans
-from pacnet.forward_models.mlp import MLPForwardModelConfig
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.scaling import noise_scaling
 from pacnet.network.config import PACNetConfig

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from pacnet.core.old_names import with_new_names
 from pacnet.core.validation import check_fields, is_integer, is_number
 from pacnet.datasets.demonstrations import dimension_names
-from pacnet.forward_models.mlp import MLPForwardModelConfig
+from pacnet.forward_models.config import MLPForwardModelConfig
 from pacnet.network.config import PACNetConfig
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pacnet.forward_models.mlp import MLPForwardModel, MLPForwardModelConfig
-from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
+from pacnet.forward_models.config import MLPForwardModelConfig, TransitionMatrixConfig
+from pacnet.forward_models.mlp import MLPForwardModel
+from pacnet.forward_models.transition_matrix import TransitionMatrix
 
 STATES, ACTIONS = 3, 2
 TURNS = ((-1.0,), (0.0,), (2.0,))

@@ -32,9 +32,10 @@ from torch import Tensor, nn
 
 from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.forward_models import kernels
-from pacnet.forward_models.mlp import MLPForwardModel, MLPForwardModelConfig
+from pacnet.forward_models.config import MLPForwardModelConfig, TransitionMatrixConfig
+from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.forward_models.protocol import Command, ForwardModel, OneStateForwardModel
-from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
+from pacnet.forward_models.transition_matrix import TransitionMatrix
 
 
 def test_three_members_make_a_forward_model():

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.forward_models import fitting
-from pacnet.forward_models.mlp import MLPForwardModel, MLPForwardModelConfig
-from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
+from pacnet.forward_models.config import MLPForwardModelConfig, TransitionMatrixConfig
+from pacnet.forward_models.mlp import MLPForwardModel
+from pacnet.forward_models.transition_matrix import TransitionMatrix
 
 
 def linear_system(rows: int, seed: int) -> tuple[Tensor, Tensor, Tensor]:

@@ -9,7 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
+from pacnet.forward_models.config import TransitionMatrixConfig
+from pacnet.forward_models.transition_matrix import TransitionMatrix
 
 LEFT, RIGHT = -1.0, 1.0
 JITTER = 0.25  # of every second visit to a place; the centroids come out in between

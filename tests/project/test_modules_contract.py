@@ -33,8 +33,9 @@ from pacnet import (
 from pacnet.competition.winner_take_all import CompetitionConfig
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.forward_models import fitting
-from pacnet.forward_models.mlp import MLPForwardModel, MLPForwardModelConfig
-from pacnet.forward_models.transition_matrix import TransitionMatrix, TransitionMatrixConfig
+from pacnet.forward_models.config import MLPForwardModelConfig, TransitionMatrixConfig
+from pacnet.forward_models.mlp import MLPForwardModel
+from pacnet.forward_models.transition_matrix import TransitionMatrix
 from pacnet.kernels.engine import Engine
 from pacnet.network.schema_network import SchemaNetwork
 from pacnet.network.schema_network_config import SchemaNetworkConfig
