@@ -58,7 +58,7 @@ def check_structure(module: nn.Module, tensors: Tensors) -> None:
     model are left to `check_model`.
 
     Raises:
-        ValueError: naming what is missing, unexpected or misshapen.
+        ValueError: a missing, extra or misshapen tensor.
     """
     children: dict[str, Any] = {
         f"{name}.": child
@@ -139,7 +139,7 @@ def check_model(model: object, tensors: Tensors, strict: bool) -> None:
         strict: whether missing and extra names are refused.
 
     Raises:
-        ValueError: naming what is missing, unexpected or misshapen.
+        ValueError: a missing, extra or misshapen tensor.
     """
     own = model.state_dict() if isinstance(model, nn.Module) else {}
     if strict:

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from torch import Tensor, nn
+from torch import nn
 
 _Class = TypeVar("_Class", bound=type)
 _FIELDS = "_new_names_of_fields"
@@ -72,7 +72,7 @@ def rename_on_load(module: nn.Module, new_by_old: Mapping[str, str]) -> None:
     Call it before `check_on_load`, for every module that may be loaded by itself.
 
     Args:
-        module: the module whose tensors, or whose children's tensors, were renamed.
+        module: the module in which tensors, its own or a child's, were renamed.
         new_by_old: old part of a tensor's name (between two dots) -> new part.
     """
     # Not a closure, which could not be pickled with the module.
@@ -81,15 +81,8 @@ def rename_on_load(module: nn.Module, new_by_old: Mapping[str, str]) -> None:
 
 
 def _rename_loaded(
-    new_by_old: Mapping[str, str], _module: nn.Module, state_dict: Any, prefix: str, *_: object
+    new_by_old: Mapping[str, str], _module: nn.Module, tensors: Any, prefix: str, *_: object
 ) -> None:
-    rename_tensors(state_dict, new_by_old, prefix)
-
-
-def rename_tensors(
-    tensors: dict[str, Tensor], new_by_old: Mapping[str, str], prefix: str = ""
-) -> None:
-    """Rename, in place, the tensors whose names begin with a prefix, part by part."""
     for name in [name for name in tensors if name.startswith(prefix)]:
         parts = name[len(prefix) :].split(".")
         new = prefix + ".".join(new_by_old.get(part, part) for part in parts)

@@ -6,6 +6,7 @@ own cache where that is read-only.
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any, Literal, get_args
 
@@ -14,8 +15,6 @@ from torch import Tensor
 
 Engine = Literal["auto", "eager", "compiled"]
 """`auto`: compiled wherever it can run; the others force one."""
-
-_listeners: list[Any] = []
 
 
 def check_engine(engine: object) -> None:
@@ -39,8 +38,9 @@ def runs_compiled(engine: Engine, state: Tensor) -> bool:
     return possible
 
 
+@functools.cache
 def announce_compilation() -> None:
-    """Print one line per process when numba compiles this library's kernels, if not cached."""
+    """Print one line in this process when numba first compiles a kernel of this library."""
     from numba.core import event
 
     class Announcement(event.Listener):
@@ -54,6 +54,4 @@ def announce_compilation() -> None:
 
         def on_end(self, event: Any) -> None: ...
 
-    if not _listeners:
-        _listeners.append(Announcement())
-        event.register("numba:compile", _listeners[0])
+    event.register("numba:compile", Announcement())

@@ -15,7 +15,7 @@ _Result = TypeVar("_Result")
 
 
 def use_one_thread() -> None:
-    """Let torch use one thread: with small tensors, more threads only wait for one another."""
+    """Let torch use one thread, because with small tensors more threads wait for one another."""
     torch.set_num_threads(1)
 
 
@@ -30,7 +30,7 @@ def in_threads(call: Callable[[_Part], _Result], parts: Iterable[_Part]) -> list
 
 
 def share_rows(call: Callable[[int, int], None], rows: int, work: int) -> None:
-    """Split rows into ranges and call it for each.
+    """Split rows into ranges and make one call for each, in threads.
 
     Args:
         call: takes the first row of a range and the one after its last.
