@@ -1,4 +1,4 @@
-"""Every threshold and choice of the growing map, with the two presets `paper` and `gwr`."""
+"""The settings of the growing map, with the two presets `paper` and `gwr`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SOFMConfig:
         insert_at: a new node is put at the `percept` and joined to the winner, or at the `midpoint`
             of winner and percept and joined to winner and runner-up, whose edge is deleted (GWR).
         ignore_when_habituated: a fully habituated node no longer responds (the paper's case 3);
-            otherwise it goes on learning at its habituation's small rate (GWR).
+            otherwise it goes on learning, at a small rate (GWR).
         habituation_scales_learning: the moved fraction is multiplied by the node's habituation
             (GWR); else it is constant (the paper's case 2).
         winner_rate: fraction of the way to the percept that the winner moves, in (0, 1].
@@ -107,8 +107,10 @@ class SOFMConfig:
             and all(_within(factor, 0, math.inf) for factor in scale)
         )
         winner_rate, neighbour_rate = self.winner_rate, self.neighbour_rate
-        forgets = self.forgetting_interval is not None
-        count = f"to be an integer from 1 to {MAX_SAMPLES}"
+        interval, count = self.forgetting_interval, f"to be an integer from 1 to {MAX_SAMPLES}"
+        switches = (
+            "insert_only_when_habituated", "ignore_when_habituated", "habituation_scales_learning",
+        )  # fmt: skip
         return {
             "scale": (scale_valid, f"to be {self.dimensions} positive finite factors"),
             "novelty_threshold": (_within(self.novelty_threshold, 0, 1), "in (0, 1)"),
@@ -124,17 +126,14 @@ class SOFMConfig:
             "winner_tau": (_within(self.winner_tau, 0, math.inf), "> 0 firings"),
             "neighbour_tau": (_within(self.neighbour_tau, 0, math.inf), "> 0 firings"),
             "forgetting_interval": (
-                not forgets or _is_count(self.forgetting_interval), f"{count} samples or None",
+                interval is None or _is_count(interval), f"{count} samples or None",
             ),
             "max_edge_age": (_is_count(self.max_edge_age), count),
             **{
                 name: (isinstance(getattr(self, name), bool), "to be true or false")
-                for name in _SWITCHES
+                for name in switches
             },
         }  # fmt: skip
-
-
-_SWITCHES = ("insert_only_when_habituated", "ignore_when_habituated", "habituation_scales_learning")
 
 
 def _within(value: object, low: float, high: float) -> bool:

@@ -1,4 +1,4 @@
-"""Records that the stages exchange: what the map says of a percept, and what it did with it."""
+"""Records of what the map reads of percepts and of what it learns from them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NO_NODE = -1
 
 
 class Attention(NamedTuple):
-    """What the map says of each of B percepts."""
+    """What the map reads of each of B percepts."""
 
     winner: Tensor
     """Nearest node, int64 `[B]`, or `NO_NODE`."""
@@ -26,7 +26,7 @@ class Attention(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """What the map said of each of T percepts before it learned it, and what it then did."""
+    """What the map read of each of T percepts before it learned it, and what it then did."""
 
     winner: Tensor
     """Nearest node, int64 `[T]`, with its index at that sample, or `NO_NODE`."""
@@ -63,14 +63,14 @@ class Step(NamedTuple):
 
 
 class MapUpdate(NamedTuple):
-    """An observation, and what is needed to keep data about each node."""
+    """An observation, and which nodes were deleted, for modules with data about each node."""
 
     observation: Observation
     habituated: Tensor
     """Whether the winner was fully habituated when it matched, bool `[T]`."""
     deleted_nodes: dict[int, Tensor]
-    """By sample, ascending: indices of the nodes deleted after it, int64 `[K]`, ascending, as they
-    were before the deletion."""
+    """Sample, ascending -> the nodes deleted after it, int64 `[K]`, ascending, with their indices
+    before the deletion."""
 
     def between_deletions(self) -> Iterator[tuple[slice, Tensor]]:
         """Split the samples into stretches over which no node changes its index.
@@ -93,7 +93,7 @@ def observation_of(
     dishabituated: Tensor,
     deleted_nodes: dict[int, Tensor],
 ) -> Observation:
-    """Join what the map said of T percepts and what it did with them."""
+    """Join what the map read of T percepts and what it did with them."""
     deleted = torch.zeros_like(attention.winner)
     for sample, nodes in deleted_nodes.items():
         deleted[sample] = len(nodes)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @old_names(scaled="normalize", look="read_one", learn="update")
 class HabituatingSOFM(nn.Module):
-    """A map that grows on novelty, habituates to the familiar, and forgets after an interval.
+    """A map that grows on novel percepts, habituates to familiar ones, and forgets after a time.
 
     `forward` only reads. `observe` learns online, and only in training mode; `step` does either for
     one percept of a control loop. The state is plain rows: `nodes` (prototype, habituation,
@@ -70,10 +70,8 @@ class HabituatingSOFM(nn.Module):
                 "habituated_at": Column((), torch.int64),  # [samples], NO_NODE while it responds
             }
         )
-        # Of the two ends, the lower index is first.
-        self.edges = GrowableRows(
-            {"ends": Column((2,), torch.int64), "age": Column((), torch.int64)}
-        )
+        ends, age = Column((2,), torch.int64), Column((), torch.int64)  # lower end first
+        self.edges = GrowableRows({"ends": ends, "age": age})
         scale = torch.tensor(config.scale or [1.0] * config.dimensions)
         self.register_buffer("scale", scale, persistent=False)
         self.register_buffer("time", torch.tensor(0))  # samples observed so far
@@ -207,10 +205,8 @@ class HabituatingSOFM(nn.Module):
             observation = ignored(self.read(normalized))
         return Step._make(field.item() for field in observation), as_array(normalized[0])
 
-    # Checkpoints
-
     def state_dict(self, *args: Any, **kwargs: Any) -> Any:
-        """Return the state; where another thread learns, that of before or after it."""
+        """Return the state; if another thread is learning, that before or after it."""
         with self._learning:
             return super().state_dict(*args, **kwargs)
 

@@ -79,7 +79,7 @@ class Recorder:
             fps: frames per second [1/s].
             features: feature name -> names of its dimensions, or a `Feature` for integers and
                 booleans.
-            robot_type: what is recorded, in the description of a new dataset.
+            robot_type: type of the robot, for the description of a new dataset.
 
         Raises:
             ValueError: `fps` is not a positive integer, there is no feature, a feature has no
@@ -92,7 +92,7 @@ class Recorder:
         self._frames: list[Arrays] = []  # added to the unfinished episode
 
     def __enter__(self) -> Self:
-        """Open the dataset, after recovering what a killed process recorded into it.
+        """Open the dataset, after recovering episodes that a killed process recorded into it.
 
         Raises:
             FileExistsError: there is something at `root` that is no dataset.
@@ -118,7 +118,7 @@ class Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Fold the journal into the dataset; a fork of the recording process changes nothing."""
+        """Fold the journal into the dataset; do nothing in a fork of the recording process."""
         from pacnet.datasets.journal.folding import fold
 
         journal = self._open_journal()
@@ -159,7 +159,7 @@ class Recorder:
             self._frames.clear()
 
     def save_episode(self, task: str, frames: Mapping[str, ArrayLike] | None = None) -> None:
-        """Append a whole episode, which is on the disk when this returns; Ctrl-C waits until then.
+        """Append an episode and wait until it is on the disk; a Ctrl-C is deferred until then.
 
         Threads may save at the same time.
 

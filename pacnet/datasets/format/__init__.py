@@ -5,4 +5,4 @@ They may come from anywhere, so they are checked before anything is changed.
 
 
 class DatasetError(ValueError):
-    """A dataset that cannot be read or appended to; the message says what is wrong with it."""
+    """A dataset that cannot be read or appended to."""

@@ -17,7 +17,7 @@ INDEX_COLUMNS = {
     "task_index": "int64",
 }
 RESERVED = (*INDEX_COLUMNS, "task")
-# Stored dtype -> what is accepted for it.
+# Stored dtype -> accepted dtypes, in words.
 STORED = {"float32": "float32 or float64", "int64": "integers", "bool": "booleans"}
 
 Arrays = dict[str, NDArray[np.generic]]

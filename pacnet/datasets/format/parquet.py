@@ -55,7 +55,7 @@ def to_numpy(column: pa.ChunkedArray, dimension: int) -> NDArray[np.generic]:
     """Return a column of numbers as vectors `[N, D]`; booleans become 0 and 1.
 
     Raises:
-        ValueError: it holds something else; the message says only what was found.
+        ValueError: it holds something else; the message only describes that.
     """
     values = column.combine_chunks()
     if dimension > 1 or types.is_nested(values.type):

@@ -70,7 +70,7 @@ class Journal:
         self._next += 1
 
     def close(self) -> None:
-        """Release the lock, then delete empty folders; a fork of the process changes nothing."""
+        """Release the lock, then delete empty folders; do nothing in a fork of the process."""
         if self.is_forked:  # filelock has closed the fork's copy of the lock file
             return
         delete_and_release(self._lock)
@@ -124,7 +124,7 @@ def acquire_lock(root: Path) -> BaseFileLock:
 
 
 def delete_and_release(lock: BaseFileLock) -> None:
-    """Delete a lock's file while the lock is held, so that no other process's file is deleted."""
+    """Delete the lock's file while this process holds it, and release it."""
     with suppress(PermissionError):  # Windows deletes no open file; there, `release` deletes it
         Path(lock.lock_file).unlink(missing_ok=True)
     lock.release()

@@ -1,11 +1,11 @@
-"""Files of a dataset that are replaced together, even if the process is killed on the way.
+"""Files of a dataset that are replaced together, even if the process is killed meanwhile.
 
 They are written into a staging folder. Once all are on the disk, a list of their paths is renamed
-into place: this commits them. Then they are moved, one by one. A process that is killed before the
-commit leaves the old files; after it, the list says what is left to move. `meta/info.json` moves
-last, directly after the file of episodes: between the two, the dataset contradicts itself.
+into place, which commits them. Then they are moved one by one. If the process is killed before the
+commit, the old files stay; after it, the next process moves the rest of the list. `meta/info.json`
+moves last, directly after the file of episodes: between the two, the dataset is inconsistent.
 
-The list may have been tampered with, so it is checked as a whole before the first file is moved.
+The list may have been edited, so it is checked as a whole before the first file is moved.
 """
 
 import hashlib
@@ -40,11 +40,11 @@ class Stage:
     """Files that are written before they move into the dataset.
 
     Attributes:
-        paths: the files' paths in the dataset's folder, in the order in which they move.
+        paths: paths of the files in the dataset's folder, in the order of the moves.
     """
 
     def __init__(self, journal: Path) -> None:
-        """Begin with no files; what was staged and not committed before is deleted."""
+        """Begin with no files; delete files that were staged before and not committed."""
         self._journal = journal
         self._folder = journal / _STAGED
         shutil.rmtree(self._folder, ignore_errors=True)
@@ -75,10 +75,9 @@ class Stage:
 
 
 def finish_commit(journal: Path) -> None:
-    """Complete what was committed and delete what was not.
+    """Move the files of a commit and delete staged files that were not committed.
 
-    Where the dataset has been changed since, the commit is dropped: the journal still has what it
-    was made from.
+    If the dataset has changed since the commit, drop it: its episodes are still in the journal.
     """
     listed = _read_list(journal)
     if listed is not None:
@@ -97,13 +96,13 @@ def finish_commit(journal: Path) -> None:
 
 
 def is_complete(journal: Path) -> bool:
-    """Return whether all that was committed is in place, and only the journal is to be cleared."""
+    """Return whether all committed files are in place and only the journal is left to clear."""
     listed = _read_list(journal)
     return listed is not None and not _staged(journal, listed.places)
 
 
 def check_journal(journal: Path) -> None:
-    """Refuse a journal with anything but files and the staging folder, or with links."""
+    """Refuse a journal that holds links, or folders other than the staging folder."""
     if journal.is_symlink():
         raise DatasetError(f"expected a folder of the dataset's own at {journal}, found a link")
     for entry in _entries(journal):
@@ -114,7 +113,7 @@ def check_journal(journal: Path) -> None:
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
-    """Return what is in a folder, if it is there: another process may have just deleted it."""
+    """Return the entries of a folder, or none if another process has deleted it."""
     try:
         with os.scandir(folder) as entries:
             return [*entries]
@@ -123,7 +122,7 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
 
 
 def _read_list(journal: Path) -> _Commit | None:
-    """Return what was committed, if anything."""
+    """Return the list of a commit, if there is one."""
     check_journal(journal)
     path = journal / _LIST
     try:
@@ -132,7 +131,7 @@ def _read_list(journal: Path) -> _Commit | None:
         return None
     except (ValueError, RecursionError) as error:
         raise DatasetError(
-            f"{path} is damaged ({error}): without it, all that is in the journal is folded anew"
+            f"{path} is damaged ({error}): without it, the whole journal is folded again"
         ) from None
 
 
@@ -161,7 +160,7 @@ def _are_names(names: object) -> TypeGuard[list[str]]:
 
 
 def _check_path(journal: Path, path: str) -> None:
-    """Refuse a path that no file of the dataset can have, or that lies in its journal."""
+    """Refuse a path outside of the dataset or inside of its journal."""
     target = path_for_file(journal.parent, path)
     if real_path(target).is_relative_to(real_path(journal)):
         raise DatasetError(f"expected a path outside of the journal, found {target}")
@@ -174,14 +173,14 @@ def _staged(journal: Path, paths: Sequence[str]) -> dict[str, Path]:
 
 
 def _move(journal: Path, paths: Sequence[str]) -> None:
-    """Move what is staged; between the last two, nothing else is done, as a kill may come there."""
+    """Move the staged files, the last two directly after each other."""
     root, last = journal.parent, paths[-2:]
     staged = _staged(journal, paths)
     for path in staged:
         (root / path).parent.mkdir(parents=True, exist_ok=True)
     for path in [path for path in staged if path not in last]:
         staged.pop(path).replace(root / path)
-    # Make durable what was moved, and the folders that were made for it.
+    # Sync the moves, and the folders that were made for them, to the disk.
     for folder in sorted({parent for path in paths for parent in Path(path).parents}):
         if (root / folder).exists():
             sync_folder(root / folder)
