@@ -6,11 +6,5 @@ from pacnet.attention.records import NO_NODE, Attention, Observation, Step
 from pacnet.attention.sofm import HabituatingSOFM
 
 __all__ = [
-    "NO_NODE",
-    "Attention",
-    "HabituatingSOFM",
-    "Observation",
-    "SOFMConfig",
-    "SOFMEnsemble",
-    "Step",
-]
+    "NO_NODE", "Attention", "HabituatingSOFM", "Observation", "SOFMConfig", "SOFMEnsemble", "Step",
+]  # fmt: skip

@@ -13,9 +13,9 @@ from pacnet.core.validation import MAX_SAMPLES, check_fields, is_integer, is_num
 class SOFMConfig:
     """Settings of the growing map; the defaults are the preset `paper`.
 
-    Public Grow-When-Required codes differ in these choices without saying so. Each is a field or
-    stated here: the activation is exp(−distance), not exp(−distance²); only the winner's edges age;
-    a node moves before it habituates; old edges are deleted after every ageing.
+    Implementations of Grow When Required differ in such choices. Those without a field: the
+    activation is exp(−distance), not exp(−distance²); only the winner's edges age; a node moves
+    before it habituates; old edges are deleted after every ageing.
 
     Attributes:
         dimensions: length of a percept.

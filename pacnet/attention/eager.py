@@ -108,7 +108,7 @@ class EagerEngine:
         return bool(state.nodes.live("habituation")[node] < self.config.habituated_below)
 
     def _forget(self, state: MapState, node: int) -> bool:
-        """Dishabituate a node whose interval is over; it is looked at only when it is used."""
+        """Dishabituate a node whose interval is over; nodes are checked only when they are used."""
         interval = self.config.forgetting_interval
         since = int(state.nodes.live("habituated_at")[node])
         if interval is None or since == NO_NODE or int(state.buffers["time"]) - since < interval:

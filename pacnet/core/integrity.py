@@ -131,15 +131,10 @@ def _specs(module: nn.Module, prefix: str = "") -> Iterator[tuple[str, _Spec]]:
 
 
 def check_model(model: object, tensors: Tensors, strict: bool) -> None:
-    """Check tensors that are to be loaded into a forward model.
-
-    Args:
-        model: the forward model, or None.
-        tensors: by name.
-        strict: whether missing and extra names are refused.
+    """Check tensors that are to be loaded into a forward model, or into None.
 
     Raises:
-        ValueError: a missing, extra or misshapen tensor.
+        ValueError: a misshapen tensor, or, if strict, a missing or extra one.
     """
     own = model.state_dict() if isinstance(model, nn.Module) else {}
     if strict:
@@ -160,10 +155,7 @@ def check_model(model: object, tensors: Tensors, strict: bool) -> None:
 def check_tensors(model: nn.Module, tensors: Tensors, like: str) -> None:
     """Check names, types and shapes of a checkpoint's tensors against a model's own.
 
-    Args:
-        model: is first cast to the dtype of the tensor `like`; it may be on the meta device.
-        tensors: by name.
-        like: name of the tensor that has the model's dtype.
+    The model, which may be on the meta device, is first cast to the dtype of the tensor `like`.
 
     Raises:
         ValueError: a missing, extra or misshapen tensor, or one of another dtype.

@@ -22,9 +22,6 @@ def old_names(**new_by_old: str) -> Callable[[_Class], _Class]:
     """Give a class the old names of its attributes, a dataclass or NamedTuple those of its fields.
 
     Apply it above `@dataclass`.
-
-    Args:
-        new_by_old: old name -> new name.
     """
 
     def decorate(cls: Any) -> Any:

@@ -20,11 +20,11 @@ _FLOAT32 = np.dtype(np.float32)
 def check_rows(
     name: str, value: object, columns: int, like: Tensor, *, finite: bool = True
 ) -> Tensor:
-    """Check a batch or sequence of rows and return it unchanged.
+    """Return a tensor `[rows ≥ 1, columns]`, after checking it.
 
     Args:
         name: name of the rows, for the message.
-        value: expected is a tensor `[rows ≥ 1, columns]`.
+        value: the rows.
         columns: the expected number of columns.
         like: a tensor of the expected dtype and device.
         finite: whether to refuse NaN and infinity.
@@ -99,13 +99,7 @@ def check_row(name: str, value: object, columns: int) -> NDArray[np.float32]:
 
 
 def check_index(name: str, value: object, count: int, *, optional: bool = False) -> int:
-    """Check the index of one of several things, any kind of integer, and return it as an int.
-
-    Args:
-        name: kind of the indexed things, for the message.
-        value: the index.
-        count: how many there are.
-        optional: whether −1, for none of them, is valid.
+    """Return an index of any integer type as an int; −1 is valid, for none, if it is optional.
 
     Raises:
         ValueError: not an integer, or out of range.
@@ -143,12 +137,7 @@ def check_indices(name: str, value: object, count: int) -> Tensor:
 
 
 def as_batch(row: Any, *, arrays: bool = False) -> Any:
-    """Return a row `[D]` as a batch `[1, D]`; other values are unchanged, and refused later.
-
-    Args:
-        row: a tensor.
-        arrays: whether a numpy array is copied into a tensor first.
-    """
+    """Return a tensor, or array if asked, `[D]` as a batch `[1, D]`, other values unchanged."""
     if arrays and isinstance(row, np.ndarray) and not isinstance(row, np.ma.MaskedArray):
         try:
             row = torch.from_numpy(row.copy())
@@ -160,9 +149,7 @@ def as_batch(row: Any, *, arrays: bool = False) -> Any:
 def check_fields(config: object, checks: dict[str, tuple[bool, str]]) -> None:
     """Raise a ValueError for the first invalid field of a config dataclass.
 
-    Args:
-        config: the dataclass.
-        checks: for each field, whether its value is valid, and which values are.
+    The checks say for each field whether its value is valid, and which values are.
     """
     for field, (valid, wanted) in checks.items():
         if not valid:

@@ -8,14 +8,6 @@ from pacnet.forward_models.protocol import Command, ForwardModel, OneStateForwar
 from pacnet.forward_models.transition_matrix import TransitionMatrix
 
 __all__ = [
-    "Command",
-    "ForwardModel",
-    "MLPForwardModel",
-    "MLPForwardModelConfig",
-    "OneStateForwardModel",
-    "PIDConfig",
-    "PIDController",
-    "Selection",
-    "TransitionMatrix",
-    "TransitionMatrixConfig",
-]
+    "Command", "ForwardModel", "MLPForwardModel", "MLPForwardModelConfig", "OneStateForwardModel",
+    "PIDConfig", "PIDController", "Selection", "TransitionMatrix", "TransitionMatrixConfig",
+]  # fmt: skip

@@ -69,13 +69,10 @@ def mean_and_std(rows: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def r2_of_change(changes: Tensor, predicted: Tensor) -> Tensor:
-    """Return the share of changes `[T, S]` explained: 1 − Σ(change − predicted)² / Σ change².
+    """Return 1 − Σ(change − predicted)² / Σ change² of each dimension, float64 `[S]`.
 
-    Predicting no change scores 0; a worse prediction is negative. A dimension that never changes
-    scores 0.
-
-    Returns:
-        Of each dimension, float64 `[S]`.
+    It is the share of the changes `[T, S]` that is explained: 0 for a prediction of no change,
+    negative for a worse one. A dimension that never changes scores 0.
     """
     changes, predicted = changes.double(), predicted.double()
     error = (changes - predicted).square().sum(dim=0)
@@ -96,8 +93,8 @@ def train(
         network: changed in place, also if an exception interrupts the training.
         samples: inputs and outputs.
         split: indices of the samples to learn from, and of those that decide when to stop.
-        generator: draws the minibatches.
-        progress: see `Progress`.
+        generator: for the minibatches.
+        progress: called after each epoch.
 
     Returns:
         The number of epochs, and the training and validation loss of the best one.

@@ -23,16 +23,10 @@ def nearest(points: Tensor, centroids: Tensor) -> Tensor:
 
 
 def kmeans(points: Tensor, clusters: int, generator: torch.Generator) -> tuple[Tensor, int]:
-    """Group points so that each is near the mean of its group.
-
-    Args:
-        points: float64 on the CPU, `[T, D]`.
-        clusters: number C of groups.
-        generator: draws the first centroids among the points.
+    """Return the centroids `[C, D]` of clusters of points `[T, D]`, float64 on the CPU.
 
     Returns:
-        The centroids, `[C, D]`, and the number of iterations until no point changed its cluster,
-        at most 100.
+        The centroids, and the number of iterations until no point changed its cluster, at most 100.
 
     Raises:
         ValueError: fewer different points than clusters.

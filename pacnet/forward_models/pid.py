@@ -31,9 +31,8 @@ class PIDConfig:
         torque_limit: bound on the magnitude of each joint's torque [N m].
 
     Raises:
-        ValueError: a field of another type; gains that are negative, not finite, none or not
-            equally many; a time step that is not positive and finite; a limit that is not
-            positive (infinity: no limit).
+        ValueError: a field of another type or out of range; no gains, or not equally many. A
+            limit may be infinite.
     """
 
     kp: tuple[float, ...]
@@ -173,9 +172,6 @@ class PIDController(nn.Module):
         Args:
             states: measured joint angles [rad], then velocities [rad/s], `[B, 2 J]`.
             targets: target joint angles `[B, J]` [rad].
-
-        Returns:
-            The torque `[B, J]` [N m], an action in every row.
 
         Raises:
             ValueError: as `step`.

@@ -28,7 +28,7 @@ class Command(NamedTuple):
 
 @runtime_checkable
 class ForwardModel(Protocol):
-    """The interface that `PACNet` and `SchemaNetwork` need; a class of yours can fulfil it.
+    """The interface of a forward model of `PACNet` and `SchemaNetwork`, for classes of users too.
 
     Example:
         >>> import torch

@@ -30,12 +30,9 @@ def in_threads(call: Callable[[_Part], _Result], parts: Iterable[_Part]) -> list
 
 
 def share_rows(call: Callable[[int, int], None], rows: int, work: int) -> None:
-    """Split rows into ranges and make one call for each, in threads.
+    """Split rows into ranges and call with the first row of each and the one after its last.
 
-    Args:
-        call: takes the first row of a range and the one after its last.
-        rows: number of rows.
-        work: multiplications for all rows; little work stays in one thread.
+    The ranges run in threads if they are worth it: `work` is the multiplications for all rows.
     """
     shares = max(1, min(4 * torch.get_num_threads(), rows, work // _WORTH_A_THREAD))
     ends = [rows * share // shares for share in range(shares + 1)]

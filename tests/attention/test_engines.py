@@ -319,12 +319,12 @@ def test_a_loaded_edge_that_is_too_old_is_deleted_at_once(engine: Engine, method
 def before_a_forbidden_page(tensor: Tensor) -> Tensor:
     """Return the same numbers, right before memory that raises a fault when it is touched."""
     size = tensor.numel() * tensor.element_size()
-    room = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
-    memory = mmap.mmap(-1, room + mmap.PAGESIZE)
-    forbidden = ctypes.addressof(ctypes.c_char.from_buffer(memory)) + room
+    usable = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
+    memory = mmap.mmap(-1, usable + mmap.PAGESIZE)
+    forbidden = ctypes.addressof(ctypes.c_char.from_buffer(memory)) + usable
     libc = ctypes.CDLL(None, use_errno=True)
     assert libc.mprotect(ctypes.c_void_p(forbidden), ctypes.c_size_t(mmap.PAGESIZE), 0) == 0
-    moved = torch.frombuffer(memory, dtype=tensor.dtype, count=tensor.numel(), offset=room - size)
+    moved = torch.frombuffer(memory, dtype=tensor.dtype, count=tensor.numel(), offset=usable - size)
     return moved.reshape(tensor.shape).copy_(tensor)
 
 

@@ -107,8 +107,8 @@ def test_tensors_that_share_memory_come_back_each_by_itself(tmp_path: Path):
 
 
 def header(shape: list[int], end: int, dtype: str = "F32") -> bytes:
-    told = {"rows": {"dtype": dtype, "shape": shape, "data_offsets": [0, end]}}
-    return json.dumps(told).encode()
+    entries = {"rows": {"dtype": dtype, "shape": shape, "data_offsets": [0, end]}}
+    return json.dumps(entries).encode()
 
 
 @pytest.mark.parametrize(
