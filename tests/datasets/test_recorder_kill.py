@@ -329,7 +329,7 @@ def test_a_dataset_changed_between_the_last_two_moves_is_refused(
         path = root / "meta/info.json"
         moved = (root / "meta/episodes/chunk-000/file-001.parquet").exists()
         if moved and json.loads(path.read_bytes())["total_episodes"] == 2:
-            path.write_bytes(path.read_bytes() + b"\n")  # somebody else's
+            path.write_bytes(path.read_bytes() + b"\n")  # another program's
             with pytest.raises(DatasetError, match=r"expected 2 episodes of .* found 4 of"):
                 recover(root)
             assert len(list((root / "journal").glob("*.arrow"))) == 2

@@ -273,7 +273,7 @@ def test_a_damaged_list_of_a_fold_is_named(tmp_path: Path):
     listed = tmp_path / "new/journal/fold.json"
     listed.write_text("{")
     for read in (recorder.__exit__, lambda: load_demonstrations(tmp_path / "new")):
-        with pytest.raises(DatasetError, match=r"fold.json is damaged .*: without it, all"):
+        with pytest.raises(DatasetError, match=r"fold.json is damaged .*: without it, the whole"):
             read()
     listed.unlink()
 

@@ -125,7 +125,7 @@ def test_a_file_without_episodes_that_is_written_over_may_stay(root: Path):
 
 
 def test_what_a_journal_writes_over_may_be_several_files(root: Path):
-    """As a kill leaves them while they are moved, before somebody else appends."""
+    """As a killed process leaves them during the moves, before another process appends."""
     path = root / "meta/info.json"
     info = json.loads(path.read_text())
     path.write_text(json.dumps(info | {"data_files_size_in_mb": 1e-6}))  # a file for each episode

@@ -85,7 +85,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def top(tmp_path: Path) -> Path:
-    """A folder with a precious file beside the dataset that somebody has sent."""
+    """A folder with a file that must stay, beside a dataset from a stranger."""
     (tmp_path / "outside").mkdir()
     for name in ("precious", *"01234"):
         (tmp_path / "outside" / name).write_text("mine")
@@ -399,7 +399,7 @@ def test_no_video_outside_of_the_dataset_is_opened(
 
 def test_circular_links_and_existing_destinations(top: Path):
     (top / "circle").symlink_to(top / "circle")
-    assert path_inside(top, "circle/file") == top / "circle" / "file"  # which nobody can open
+    assert path_inside(top, "circle/file") == top / "circle" / "file"  # which cannot be opened
     (top / "copy").symlink_to(top / "nowhere")
     with pytest.raises(FileExistsError, match="expected a folder to be made"):
         write_annotated(top / "sent", top / "copy", {"novelty": ("novelty",)}, [])

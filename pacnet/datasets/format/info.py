@@ -1,7 +1,6 @@
 """`meta/info.json`, which describes a dataset's features and counts its frames."""
 
 import json
-import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -113,9 +112,7 @@ def read_appendable_info(root: Path) -> dict[str, Any]:
             raise DatasetError(f"{path}: expected {name} as an integer, found {info[name]!r}")
     if not _is_integer(info["chunks_size"], 1):
         raise DatasetError(f"{path}: expected chunks_size above 0, found {info['chunks_size']!r}")
-    size = info["data_files_size_in_mb"]
-    if isinstance(size, bool) or not isinstance(size, int | float) or not 0 < size < math.inf:
-        raise DatasetError(f"{path}: expected data_files_size_in_mb above 0, found {size!r}")
+    _check_positive(path, info, "data_files_size_in_mb")
     check_data_path(info["data_path"])
     _check_features(path, info["features"])
     try:

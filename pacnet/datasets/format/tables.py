@@ -48,7 +48,7 @@ def tasks_table(tasks: Sequence[str]) -> pa.Table:
 
 
 def episodes_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema | None) -> pa.Table:
-    """Return the episodes' descriptions.
+    """Return the table of `meta/episodes`.
 
     Args:
         rows: for each episode, name of a column -> an integer, a list of numbers, or a list of one

@@ -43,23 +43,20 @@ def fold(journal: Journal) -> int:
     finish_commit(journal.folder)
     episodes = journal.episodes()
     if episodes:
-        dataset = _dataset_of(journal, read_episode(episodes[0])[0])
+        recording, _, _ = read_episode(episodes[0])
+        try:
+            dataset = open_dataset(journal.root, recording)
+        except DatasetError:
+            raise
+        except ValueError as error:
+            raise ValueError(
+                f"the journal in {journal.folder} was recorded into another dataset, {error}: move "
+                "it away, or bring that dataset back"
+            ) from None
         stage = Stage(journal.folder)
         _stage_files(dataset, episodes, stage)
         stage.commit(episodes)
     return len(episodes)
-
-
-def _dataset_of(journal: Journal, recording: Recording) -> Dataset:
-    try:
-        return open_dataset(journal.root, recording)
-    except DatasetError:
-        raise
-    except ValueError as error:
-        raise ValueError(
-            f"the journal in {journal.folder} was recorded into another dataset, {error}: move it "
-            "away, or bring that dataset back"
-        ) from None
 
 
 def check_ready(root: Path, recording: Recording) -> None:
