@@ -160,7 +160,7 @@ def test_no_file_is_moved_out_of_the_dataset(
 ):
     root = copy_of(made / "commit", top)
     change_json(root / LIST, lambda listed: listed["places"].__setitem__(0, outside))
-    assert_refused(root, act, r"fold.json is damaged .*: without it, all")
+    assert_refused(root, act, r"fold.json is damaged .*: without it, the whole")
 
 
 @pytest.mark.parametrize("name", ["../../outside/precious", "../meta/info.json", "lock", "", 7])
@@ -191,7 +191,7 @@ def test_a_list_is_checked_as_a_whole_before_anything_is_moved(
     root = copy_of(made / "commit", top)
     change_json(root / LIST, lambda listed: listed.update(changes))
     for act in OPENINGS.values():
-        assert_refused(root, act, r"fold.json is damaged \(expected .*\): without it, all")
+        assert_refused(root, act, r"fold.json is damaged \(expected .*\): without it, the whole")
 
 
 # Links
