@@ -19,7 +19,7 @@ def warn_renamed(old: str, new: str, stacklevel: int = 3) -> None:
 
 
 def old_names(**new_by_old: str) -> Callable[[_Class], _Class]:
-    """Give a class the old names of its attributes, a dataclass or NamedTuple those of its fields.
+    """Give a class the old names of its attributes, a dataclass also those of its fields.
 
     Apply it above `@dataclass`.
     """
@@ -30,8 +30,16 @@ def old_names(**new_by_old: str) -> Callable[[_Class], _Class]:
         if hasattr(cls, "__dataclass_fields__"):
             setattr(cls, _FIELDS, new_by_old)
             cls.__init__ = _with_old_fields(cls.__init__, new_by_old)
-        elif hasattr(cls, "_fields"):  # a NamedTuple
-            cls.__new__ = _with_old_fields(cls.__new__, new_by_old)
+        return cls
+
+    return decorate
+
+
+def old_arguments(**new_by_old: str) -> Callable[[_Class], _Class]:
+    """Give a NamedTuple that users make the old names of its arguments; it takes 0.4 µs more."""
+
+    def decorate(cls: Any) -> Any:
+        cls.__new__ = _with_old_fields(cls.__new__, new_by_old)
         return cls
 
     return decorate

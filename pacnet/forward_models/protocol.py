@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pacnet.core.old_names import old_names
+from pacnet.core.old_names import old_arguments, old_names
 
 
+@old_arguments(given="has_action")
 @old_names(given="has_action")
 class Command(NamedTuple):
     """The actions of a forward model in B states."""

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from pacnet.core.checkpoint import rebuild_config
-from pacnet.core.old_names import old_names, rename_on_load, with_new_names
+from pacnet.core.old_names import old_arguments, old_names, rename_on_load, with_new_names
 
 NEW_BY_OLD = {"room": "capacity", "told": "spec"}
 
@@ -27,6 +27,7 @@ class Config:
     margin: float = 0.5
 
 
+@old_arguments(place="offset")
 @old_names(place="offset")
 class Record(NamedTuple):
     """A record, whose field was renamed."""
