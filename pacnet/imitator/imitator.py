@@ -29,7 +29,7 @@ from pacnet.core.integrity import (
     part_of,
 )
 from pacnet.core.interrupts import defer_sigint
-from pacnet.core.old_names import old_names, rename_on_load
+from pacnet.core.old_names import old_names, rename_on_load, warn_renamed
 from pacnet.core.validation import check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.mlp import MLPForwardModel
@@ -121,6 +121,12 @@ class Imitator(nn.Module):
                 where a forward model has to choose among them.
         """
         return cls(choose_settings(demonstrations, targets, lead), engine)
+
+    @classmethod
+    def untaught(cls, *args: Any, **kwargs: Any) -> Imitator:
+        """Old name of `from_demonstrations`."""
+        warn_renamed("Imitator.untaught", "Imitator.from_demonstrations")
+        return cls.from_demonstrations(*args, **kwargs)
 
     def extra_repr(self) -> str:
         """Return the number of demonstrations learned and the dimensions, for `print`."""

@@ -481,3 +481,12 @@ def assert_same(ours: Imitator, theirs: Imitator) -> None:
     assert set(ours.state_dict()) == set(tensors)
     for name, tensor in ours.state_dict().items():
         assert torch.equal(tensor, tensors[name]), name
+
+
+def test_the_old_constructor_warns_and_returns_the_same(
+    demonstrations: Demonstrations, taught: Imitator
+):
+    with pytest.warns(DeprecationWarning, match="untaught is now Imitator.from_demonstrations"):
+        imitator = Imitator.untaught(demonstrations, targets="action")
+    assert imitator.config == taught.config
+    assert imitator.reports == []
