@@ -3,35 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from operator import index
 
-from torch import Tensor, nn
+from torch import Tensor
 
 from pacnet.attention.sofm import HabituatingSOFM
 from pacnet.core.growable_rows import check_storage
-from pacnet.core.integrity import check_conditions, check_structure, part_of
-from pacnet.core.validation import check_bounded, check_rows
+from pacnet.core.validation import check_bounded, check_index, check_rows, check_same_length
+from pacnet.forward_models.protocol import ForwardModel
 from pacnet.network.config import PACNetConfig
-from pacnet.schemas.interface import NO_EPISODE, Schemas
+from pacnet.schemas.interface import Schemas
 
 FORWARD_MODEL = "forward_model."
 """What the names of the forward model's tensors begin with."""
-_LAST_EPISODE = 2**63 - 1  # the largest int64
+
+
+def check_model_type(model: object) -> None:
+    """Raise a ValueError unless this is a `ForwardModel` or None."""
+    if model is not None and not isinstance(model, ForwardModel):
+        got = type(model).__name__
+        raise ValueError(f"expected forward_model as a ForwardModel or None, got {got}")
 
 
 def check_episode(episode: object, last: Tensor) -> int:
     """Return an episode's number, or raise a ValueError; the last one's may come again."""
-    try:
-        number = None if isinstance(episode, bool) else index(episode)  # pyright: ignore[reportArgumentType]
-    except TypeError:
-        number = None
-    if number is None:
-        raise ValueError(f"expected episode as an int, got {type(episode).__name__}")
-    if number > _LAST_EPISODE:
-        raise ValueError(f"expected episode ≤ {_LAST_EPISODE}, got {episode}")
-    lowest = max(0, int(check_storage("episode", last)))
-    if number < lowest:
-        raise ValueError(f"expected episode ≥ {lowest}, the last one observed, got {episode}")
+    number = check_index("an episode", episode, 2**63)
+    if number < int(check_storage("episode", last)):
+        raise ValueError(f"expected an episode ≥ {int(last)}, the last one observed, got {number}")
     return number
 
 
@@ -44,10 +41,7 @@ def check_pair(
     if wanted.dim() != 2:
         raise ValueError(f"expected stored targets [rows, A], got {list(wanted.shape)}")
     targets = check_bounded("targets", targets, wanted.shape[1], wanted)
-    if len(percepts) != len(targets):
-        raise ValueError(
-            f"expected one target for each of {len(percepts)} percepts, got {len(targets)}"
-        )
+    check_same_length(percepts=percepts, targets=targets)
     return percepts, targets
 
 
@@ -55,10 +49,7 @@ def check_states(states: Tensor, percepts: Tensor) -> Tensor:
     """Return states `[T, S]`, one for each percept, or raise a ValueError."""
     columns = states.shape[1] if isinstance(states, Tensor) and states.dim() == 2 else 1
     check_rows("states", states, columns, like=percepts)
-    if len(states) != len(percepts):
-        raise ValueError(
-            f"expected one state for each of {len(percepts)} percepts, got {len(states)}"
-        )
+    check_same_length(percepts=percepts, states=states)
     return states
 
 
@@ -74,17 +65,3 @@ def check_dimensions(config: PACNetConfig, tensors: Mapping[str, Tensor], prefix
         if tensor is None or tuple(tensor.shape[1:]) != (width,):
             got = "none" if tensor is None else list(tensor.shape)
             raise ValueError(f"expected {prefix}{name} of shape [rows, {width}], got {got}")
-
-
-def check_state(network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
-    """See `PACNet.check_state`."""
-    check_structure(network, tensors)
-    schemas = network.get_submodule("schemas")
-    assert isinstance(schemas, Schemas)
-    kept, last = schemas.extent(part_of(tensors, "schemas."))
-    nodes = len(tensors["sofm.nodes.prototype"])
-    if nodes != kept:
-        raise ValueError(f"expected motor schemas for each node, got {kept} for {nodes} nodes")
-    check_conditions(
-        {"an episode ≥ −1, the last of all": tensors["episode"] >= max(NO_EPISODE, last)}
-    )

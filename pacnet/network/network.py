@@ -5,50 +5,28 @@ Source: Maistros, Marom & Hayes (2001), section "The Integrated System", Figure 
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import asdict
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from pacnet.attention.records import NO_NODE, Attention, MapUpdate, Observation, ignored
-from pacnet.attention.sofm import HabituatingSOFM
-from pacnet.competition.competing_schemas import CompetingSchemas
-from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.competition.recognition import Recognition
-from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
-from pacnet.core.drafts import Lock, adopt, draft_of, short_switch_interval
-from pacnet.core.growable_rows import as_array, check_storage, copy_on_state_dict
-from pacnet.core.integrity import check_model, check_on_load, part_of
+from pacnet.core.growable_rows import as_array
 from pacnet.core.interrupts import defer_sigint
-from pacnet.core.old_names import rename_on_load
 from pacnet.core.validation import as_batch
-from pacnet.forward_models.protocol import ForwardModel, OneStateForwardModel
-from pacnet.kernels.engine import Engine
-from pacnet.network.checks import (
-    FORWARD_MODEL,
-    check_dimensions,
-    check_episode,
-    check_pair,
-    check_state,
-    check_states,
-)
-from pacnet.network.config import PACNetConfig
+from pacnet.forward_models.protocol import OneStateForwardModel
+from pacnet.network.checks import check_episode, check_pair, check_states
 from pacnet.network.records import Decision
 from pacnet.network.snapshot import Snapshot, check_nodes
-from pacnet.schemas.interface import NO_EPISODE, Schemas
-from pacnet.schemas.motor_schemas import MotorSchemas
+from pacnet.network.state import NetworkState
+from pacnet.schemas.interface import NO_EPISODE
 from pacnet.schemas.records import Samples
-from pacnet.schemas.sequences import OLD_TENSORS
 
 
-class PACNet(nn.Module):
+class PACNet(NetworkState):
     """Perception-action coupling: learns by watching (`observe`), acts on what it sees.
 
     `recall` gives the motor targets that go with a percept; `act` also turns them into actions.
@@ -77,43 +55,6 @@ class PACNet(nn.Module):
         >>> net.recall(percepts[:1]).target
         tensor([[1.]])
     """
-
-    episode: Tensor
-
-    def __init__(
-        self,
-        config: PACNetConfig,
-        forward_model: ForwardModel | None = None,
-        engine: Engine = "auto",
-    ) -> None:
-        super().__init__()
-        if forward_model is not None and not isinstance(forward_model, ForwardModel):
-            got = type(forward_model).__name__
-            raise ValueError(f"expected forward_model as a ForwardModel or None, got {got}")
-        self.config = config
-        self.forward_model = forward_model
-        self.sofm = HabituatingSOFM(config.attention, engine)
-        self.schemas: Schemas = (
-            CompetingSchemas(config.schemas)
-            if isinstance(config.schemas, CompetingSchemasConfig)
-            else MotorSchemas(config.schemas)
-        )
-        self._learning, self.changing = Lock(), Lock()  # the second one is held only briefly
-        self._snapshot: Snapshot | None = None  # of the recall episode in progress
-        self.register_buffer("episode", torch.tensor(NO_EPISODE))  # the last one observed
-        copy_on_state_dict(self)
-        rename_on_load(self, OLD_TENSORS)
-        check_on_load(self)
-
-    def extra_repr(self) -> str:
-        """Return the lengths of percepts and targets, for `print`."""
-        percepts, targets = self.config.attention.dimensions, self.config.schemas.target_dimensions
-        return f"percept_dimensions={percepts}, target_dimensions={targets}"
-
-    @property
-    def behaviours(self) -> tuple[str, ...]:
-        """Names of what was shown, in the order of their first time; () with one schema a node."""
-        return tuple(self.schemas.behaviours)
 
     def forward(self, percepts: Tensor) -> Attention:
         """Read the map; see `HabituatingSOFM.forward`."""
@@ -174,32 +115,6 @@ class PACNet(nn.Module):
                 self.adopt(draft)
         return observation
 
-    @contextmanager
-    def learning(self) -> Iterator[PACNet]:
-        """Give a draft of this network to learn on, for `adopt`; other learners wait."""
-        # Growing inside a caller's inference mode would make buffers that cannot be updated later.
-        with self.no_learning(), short_switch_interval(), torch.inference_mode(False):
-            with self.changing:  # a reader may be compacting the schemas
-                draft = copy.copy(self)  # which shares the forward model
-                parts = {"sofm": draft_of(self.sofm), "schemas": draft_of(self.schemas)}
-                draft._modules = {**self._modules, **parts}
-                draft._buffers = {"episode": check_storage("episode", self.episode).clone()}
-            yield draft
-
-    def no_learning(self) -> AbstractContextManager[object]:
-        """Wait until no other thread learns, and keep others from it."""
-        return self._learning
-
-    def adopt(self, draft: PACNet) -> None:
-        """Replace what is known by what a draft has learned; `changing` must be held."""
-        snapshot = None if self._snapshot is None else Snapshot(draft.sofm, draft.schemas)
-        adopt(self.sofm, draft.sofm)
-        adopt(self.schemas, draft.schemas)
-        self._buffers["episode"] = draft.episode
-        if snapshot is not None:
-            snapshot.track(self.sofm, self.schemas)
-        self._snapshot = snapshot
-
     def update(
         self,
         percepts: Tensor,
@@ -252,16 +167,6 @@ class PACNet(nn.Module):
                 self.schemas.delete(gone)
 
     # Recall
-
-    def snapshot(self) -> Snapshot:
-        """Return what the recall episode works on; a new one, if what was known has changed."""
-        snapshot, parts = self._snapshot, self._modules  # as attributes they take a microsecond
-        if snapshot is None or not snapshot.is_of(parts["sofm"], parts["schemas"]):
-            with self.changing:
-                snapshot = self._snapshot
-                if snapshot is None or not snapshot.is_of(self.sofm, self.schemas):
-                    self._snapshot = snapshot = Snapshot(self.sofm, self.schemas)
-        return snapshot
 
     @torch.no_grad()
     def recall(self, percepts: Tensor) -> Decision:
@@ -408,72 +313,3 @@ class PACNet(nn.Module):
             self._snapshot.reset()
         if self.forward_model is not None:
             self.forward_model.reset()
-
-    # Checkpoints
-
-    def save_pretrained(self, folder: str | Path) -> None:
-        """Write `config.json` and `model.safetensors`, atomically.
-
-        After a crash the old or the new checkpoint is intact.
-
-        Args:
-            folder: made if it is missing; a checkpoint in it is replaced, other files stay.
-
-        Raises:
-            ValueError: the network's tensors contradict one another; nothing has been written.
-        """
-        tensors = self.state_dict()
-        own = {name: t for name, t in tensors.items() if not name.startswith(FORWARD_MODEL)}
-        self.check_state(own)
-        save_checkpoint(folder, "PACNet", asdict(self.config), own)
-
-    @classmethod
-    def from_pretrained(
-        cls,
-        folder: str | Path,
-        forward_model: ForwardModel | None = None,
-        engine: Engine = "auto",
-    ) -> PACNet:
-        """Load what `save_pretrained` wrote, on the CPU, ready to recall or to go on learning.
-
-        Args:
-            folder: of the checkpoint.
-            forward_model: to act with.
-            engine: as of `PACNet`.
-
-        Raises:
-            FileNotFoundError: no checkpoint there.
-            ValueError: a damaged file, an unknown version, the checkpoint of another class, or a
-                missing, extra or misshapen tensor.
-        """
-        fields, tensors = load_checkpoint(folder, "PACNet")
-        config = PACNetConfig.from_dict(fields)
-        try:
-            check_dimensions(config, tensors, "")  # before memory is taken for them
-            network = cls(config, engine=engine)
-            network.to(tensors["sofm.nodes.prototype"].dtype)
-            network.load_state_dict(tensors)
-        except ValueError as error:
-            raise ValueError(f"expected the tensors of a PACNet in '{folder}': {error}") from error
-        network.forward_model = forward_model
-        return network
-
-    def state_dict(self, *args: Any, **kwargs: Any) -> Any:
-        """As of any module; never of the middle of what another thread learns."""
-        with self.changing:
-            return super().state_dict(*args, **kwargs)
-
-    def load_state_dict(
-        self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
-    ) -> Any:
-        """As of any module, all or nothing; what another thread is learning is finished before."""
-        with self.no_learning(), self.changing:
-            check_model(self.forward_model, part_of(state_dict, FORWARD_MODEL), strict)
-            return super().load_state_dict(state_dict, strict, assign)
-
-    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
-        """Raise a ValueError unless these tensors, of a `state_dict`, are a valid state.
-
-        A forward model checks its own.
-        """
-        check_state(self, tensors)

@@ -1,8 +1,10 @@
-"""What the network decides: one record from the winner to the action."""
+"""What the networks decide: one record from the winner to the action."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
+
+from torch import Tensor
 
 from pacnet.core.old_names import old_names, warn_renamed
 
@@ -49,4 +51,44 @@ class Decision(NamedTuple):
     def recall(self) -> Decision:
         """Old name of the record itself."""
         warn_renamed("Action.recall", "Decision")
+        return self
+
+
+@old_names(position="offset")
+class SchemaActivity(NamedTuple):
+    """The state of S schemas for each of B percepts."""
+
+    confidence: Tensor
+    """Confidence of each perceptual schema, `[B, S]`, in [0, 1]."""
+    active: Tensor
+    """Whether the confidence reaches the threshold: the motor schema is active, bool `[B, S]`."""
+    offset: Tensor
+    """Index of the nearest percept in each schema's sequence, int64 `[B, S]`."""
+    targets: Tensor
+    """The target at that index, `[B, S, A]`; NaN where the motor schema is not active."""
+
+
+@old_names(targets="target", commanded="has_target", given="has_action")
+class SchemaDecision(NamedTuple):
+    """The winning schema, its target and its action for each of T percepts."""
+
+    target: Tensor
+    """The winner's target, `[T, A]`; a row of NaN without a winner."""
+    has_target: Tensor
+    """Whether there is a winner, bool `[T]`."""
+    winner: Tensor
+    """Index of the winning schema, int64 `[T]`, or `NO_SCHEMA`."""
+    activity: SchemaActivity
+    """Of all schemas."""
+    has_action: Tensor
+    """Whether there is an action, bool `[T]`; without one the caller's default behaviour acts."""
+    action: Any = None
+    """The winner's command, `[T, U]`; a row of NaN without an action; None from `recall`."""
+    candidates: Any = None
+    """Commands of all schemas, `[T, S, U]`; NaN if inactive or without one; None from `recall`."""
+
+    @property
+    def recall(self) -> SchemaDecision:
+        """Old name of the record itself."""
+        warn_renamed("SchemaAction.recall", "SchemaDecision")
         return self

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -19,53 +18,13 @@ from pacnet.competition.winner_take_all import NO_SCHEMA, Competition
 from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.core.integrity import check_structure
-from pacnet.core.old_names import old_names, warn_renamed
 from pacnet.core.validation import check_index, check_rows, check_same_length
 from pacnet.forward_models.protocol import ForwardModel
-from pacnet.network.checks import FORWARD_MODEL, check_states
-from pacnet.network.schema_network_config import SchemaNetworkConfig
+from pacnet.network.checks import FORWARD_MODEL, check_model_type, check_states
+from pacnet.network.config import SchemaNetworkConfig
+from pacnet.network.records import SchemaActivity, SchemaDecision
 
 _SEARCH_ELEMENTS = 2**24  # differences held at once during a search: 64 MB
-
-
-@old_names(position="offset")
-class SchemaActivity(NamedTuple):
-    """The state of S schemas for each of B percepts."""
-
-    confidence: Tensor
-    """Confidence of each perceptual schema, `[B, S]`, in [0, 1]."""
-    active: Tensor
-    """Whether the confidence reaches the threshold: the motor schema is active, bool `[B, S]`."""
-    offset: Tensor
-    """Index of the nearest percept in each schema's sequence, int64 `[B, S]`."""
-    targets: Tensor
-    """The target at that index, `[B, S, A]`; NaN where the motor schema is not active."""
-
-
-@old_names(targets="target", commanded="has_target", given="has_action")
-class SchemaDecision(NamedTuple):
-    """The winning schema, its target and its action for each of T percepts."""
-
-    target: Tensor
-    """The winner's target, `[T, A]`; a row of NaN without a winner."""
-    has_target: Tensor
-    """Whether there is a winner, bool `[T]`."""
-    winner: Tensor
-    """Index of the winning schema, int64 `[T]`, or `NO_SCHEMA`."""
-    activity: SchemaActivity
-    """Of all schemas."""
-    has_action: Tensor
-    """Whether there is an action, bool `[T]`; without one the caller's default behaviour acts."""
-    action: Any = None
-    """The winner's command, `[T, U]`; a row of NaN without an action; None from `recall`."""
-    candidates: Any = None
-    """Commands of all schemas, `[T, S, U]`; NaN if inactive or without one; None from `recall`."""
-
-    @property
-    def recall(self) -> SchemaDecision:
-        """Old name of the record itself."""
-        warn_renamed("SchemaAction.recall", "SchemaDecision")
-        return self
 
 
 class SchemaNetwork(nn.Module):
@@ -97,9 +56,7 @@ class SchemaNetwork(nn.Module):
         self, config: SchemaNetworkConfig, forward_model: ForwardModel | None = None
     ) -> None:
         super().__init__()
-        if forward_model is not None and not isinstance(forward_model, ForwardModel):
-            got = type(forward_model).__name__
-            raise ValueError(f"expected forward_model as a ForwardModel or None, got {got}")
+        check_model_type(forward_model)
         self.config = config
         self.forward_model = forward_model
         self.competition = Competition(config.competition)

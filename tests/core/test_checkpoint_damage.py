@@ -11,7 +11,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from pacnet.core.checkpoint import read_checkpoint, rebuild_config, write_checkpoint
-from pacnet.network.schema_network_config import SchemaNetworkConfig
+from pacnet.network.config import SchemaNetworkConfig
 
 CONFIG, TENSORS = "config.json", "model.safetensors"
 ROW = torch.arange(6.0)

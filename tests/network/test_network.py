@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 
-import pacnet.network.network
+import pacnet.network.state
 from pacnet import (
     CompetingSchemasConfig,
     MotorSchemas,
@@ -186,7 +186,7 @@ BAD_PAIRS = {
     "percept dimension": (torch.zeros(3, 4), torch.zeros(3, 1), r"percepts.*\[rows, 2\]"),
     "target dimension": (torch.zeros(3, 2), torch.zeros(3, 2), r"targets.*\[rows, 1\]"),
     "target dtype": (torch.zeros(3, 2), torch.zeros(3, 1).double(), "targets.*float64"),
-    "fewer targets": (torch.zeros(3, 2), torch.zeros(2, 1), "each of 3 percepts, got 2"),
+    "fewer targets": (torch.zeros(3, 2), torch.zeros(2, 1), "expected equally many rows"),
     "empty": (torch.zeros(0, 2), torch.zeros(0, 1), "at least one row"),
 }
 
@@ -204,7 +204,7 @@ def test_bad_input_is_refused_before_anything_changes(case: str):
 
 @pytest.mark.parametrize(
     ("episode", "message"),
-    [(1, "episode ≥ 2.*got 1"), (-1, "got -1"), (2.0, "int, got float"), (True, "int, got bool")],
+    [(1, "episode ≥ 2.*got 1"), (-1, "got -1"), (2.0, "got 2.0"), (True, "got True")],
 )
 def test_an_episode_that_goes_backwards_or_is_no_number_is_refused(episode, message):
     network = make_taught(episodes=3)
@@ -227,7 +227,7 @@ def test_an_episode_may_be_a_numpy_integer_and_must_fit_int64():
     network = make_network()
     network.observe(*make_circle(), episode=np.int64(3))
     assert network.episode.item() == 3
-    with pytest.raises(ValueError, match=r"episode ≤ 9223372036854775807"):
+    with pytest.raises(ValueError, match="from 0 to 9223372036854775807"):
         network.observe(*make_circle(), episode=2**63)
 
 
@@ -321,14 +321,14 @@ def test_ctrl_c_between_map_and_schemas_leaves_what_was_known(verb: str, monkeyp
 @pytest.mark.usefixtures("sigint")
 def test_ctrl_c_while_what_was_learned_is_taken_over_comes_after_it(monkeypatch):
     network, expected = make_taught(), make_taught()
-    adopt, adopted = pacnet.network.network.adopt, []
+    adopt, adopted = pacnet.network.state.adopt, []
 
     def interrupted_adopt(*modules: torch.nn.Module) -> None:
         signal.raise_signal(signal.SIGINT)
         adopt(*modules)
         adopted.append(modules)
 
-    monkeypatch.setattr("pacnet.network.network.adopt", interrupted_adopt)
+    monkeypatch.setattr("pacnet.network.state.adopt", interrupted_adopt)
     with pytest.raises(KeyboardInterrupt):
         LEARNING["observe"](network)
     assert len(adopted) == 2  # map and schemas

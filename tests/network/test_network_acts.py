@@ -148,7 +148,7 @@ def test_acting_learns_nothing():
     ("model", "percepts", "states", "message"),
     [
         (None, HERE, None, "expected a forward model"),
-        (Towards(), HERE, HERE.repeat(2, 1), "expected one state for each of 1 percepts, got 2"),
+        (Towards(), HERE, HERE.repeat(2, 1), "expected equally many rows"),
         (Towards(), HERE.double(), None, "expected percepts as a torch.float32"),
         (pid(), HERE, None, "columns|shape"),
     ],

@@ -9,8 +9,8 @@ import torch
 
 from pacnet import NO_SCHEMA, Command, PIDConfig, PIDController
 from pacnet.competition.winner_take_all import CompetitionConfig
+from pacnet.network.config import SchemaNetworkConfig
 from pacnet.network.schema_network import SchemaNetwork
-from pacnet.network.schema_network_config import SchemaNetworkConfig
 
 NEAR_0, NEAR_4, NOWHERE = 0.25, 3.75, 50.0
 
@@ -262,7 +262,7 @@ def test_a_refused_schema_changes_nothing(percepts, targets, message):
     [
         (torch.zeros(1, 2), torch.zeros(1, 2), "expected percepts"),
         (column(math.nan), torch.zeros(1, 2), "expected finite percepts"),
-        (column(NEAR_4), torch.zeros(2, 2), "expected one state for each of 1 percepts, got 2"),
+        (column(NEAR_4), torch.zeros(2, 2), "expected equally many rows"),
         (column(NEAR_4), torch.full((1, 2), math.nan), "expected finite states"),
         (column(NEAR_4), None, "expected states .* got NoneType"),
         (column(NEAR_4), torch.zeros(1, 1), r"expected states .*\[rows, 2\]"),  # the PID's own

@@ -37,8 +37,8 @@ from pacnet.forward_models.config import MLPForwardModelConfig, TransitionMatrix
 from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.forward_models.transition_matrix import TransitionMatrix
 from pacnet.kernels.engine import Engine
+from pacnet.network.config import SchemaNetworkConfig
 from pacnet.network.schema_network import SchemaNetwork
-from pacnet.network.schema_network_config import SchemaNetworkConfig
 
 Tensors = tuple[Tensor, ...]
 SAMPLES, DWELL = 32, 8

@@ -15,8 +15,8 @@ from scipy.signal import savgol_filter
 from envs.postural_imitation import PosturalImitationEnv, percept
 from pacnet import NO_NODE, PACNet
 from pacnet.competition.winner_take_all import Competition, CompetitionConfig
+from pacnet.network.config import SchemaNetworkConfig
 from pacnet.network.schema_network import SchemaNetwork
-from pacnet.network.schema_network_config import SchemaNetworkConfig
 from train.common.pool import share_out
 from train.postural.episodes import (
     PERCEPTS,
