@@ -5,48 +5,30 @@ The network is that of Maistros, Marom & Hayes (2001).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict
 from operator import index
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
-from pacnet.competition.competing_schemas import CompetingSchemas
-from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
 from pacnet.core.drafts import adopt, draft_of
-from pacnet.core.growable_rows import check_storage, copy_on_state_dict
-from pacnet.core.integrity import (
-    check_conditions,
-    check_model,
-    check_on_load,
-    check_structure,
-    part_of,
-)
+from pacnet.core.growable_rows import check_storage
 from pacnet.core.interrupts import defer_sigint
-from pacnet.core.old_names import old_names, rename_on_load, warn_renamed
+from pacnet.core.old_names import warn_renamed
 from pacnet.core.validation import check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
-from pacnet.imitator.config import ImitatorConfig
-from pacnet.imitator.novelty import NoveltyDetector
-from pacnet.imitator.records import EpisodeReport, ImitatorStep, read_reports
-from pacnet.imitator.snapshot import ImitatorSnapshot
+from pacnet.imitator.records import EpisodeReport, ImitatorStep
+from pacnet.imitator.state import ImitatorSnapshot, ImitatorState
 from pacnet.kernels.engine import Engine
-from pacnet.network.checks import FORWARD_MODEL, check_dimensions
-from pacnet.network.network import PACNet
-from pacnet.schemas.sequences import OLD_TENSORS, compact
+from pacnet.schemas.sequences import compact
 from pacnet.schemas.targets import targets_ahead
-
-_MODEL = "network." + FORWARD_MODEL
-_OLD_TENSORS = OLD_TENSORS | {"familiarity": "novelty_detector", "usual": "typical_deviation"}
 
 
 def full_precision() -> AbstractContextManager[object]:
@@ -54,8 +36,7 @@ def full_precision() -> AbstractContextManager[object]:
     return torch.autocast("cpu", enabled=False)
 
 
-@old_names(lessons="reports", familiarity="novelty_detector")
-class Imitator(nn.Module):
+class Imitator(ImitatorState):
     """Learns from demonstrations, one after the other, and acts on percepts like theirs.
 
     `from_demonstrations` makes one. Percepts unlike the training data are flagged as novel and get
@@ -85,21 +66,6 @@ class Imitator(nn.Module):
         True
     """
 
-    first_action: Tensor  # [U], mean over the demonstrations
-
-    def __init__(self, config: ImitatorConfig, engine: Engine = "auto") -> None:
-        super().__init__()
-        self.config = config
-        model = None if config.forward_model is None else MLPForwardModel(config.forward_model)
-        self.network = PACNet(config.network, model, engine)
-        self.novelty_detector = NoveltyDetector(config.network.attention.dimensions)
-        self.reports: list[EpisodeReport] = []
-        self.register_buffer("first_action", torch.zeros(len(config.action)))
-        self._snapshot: ImitatorSnapshot | None = None
-        copy_on_state_dict(self)
-        rename_on_load(self, _OLD_TENSORS)
-        check_on_load(self)
-
     @classmethod
     def from_demonstrations(
         cls,
@@ -127,31 +93,6 @@ class Imitator(nn.Module):
         """Old name of `from_demonstrations`."""
         warn_renamed("Imitator.untaught", "Imitator.from_demonstrations")
         return cls.from_demonstrations(*args, **kwargs)
-
-    def extra_repr(self) -> str:
-        """Return the number of demonstrations learned and the dimensions, for `print`."""
-        percepts, actions = len(self.percept_names), len(self.config.action)
-        lengths = f"percept_dimensions={percepts}, action_dimensions={actions}"
-        return f"demonstrations={len(self.reports)}, {lengths}, fps={self.config.fps}"
-
-    @property
-    def percept_names(self) -> tuple[str, ...]:
-        """Names of a percept's D dimensions."""
-        return self.config.percept_names
-
-    @property
-    def schemas(self) -> CompetingSchemas:
-        """The network's motor schemas."""
-        schemas = self.network.schemas
-        assert isinstance(schemas, CompetingSchemas)
-        return schemas
-
-    @property
-    def forward_model(self) -> MLPForwardModel | None:
-        """The model that finds the action leading to a state; None where targets are actions."""
-        model = self.network.forward_model
-        assert model is None or isinstance(model, MLPForwardModel)
-        return model
 
     @torch.no_grad()
     def learn(
@@ -242,92 +183,6 @@ class Imitator(nn.Module):
         """Start a new recall episode; what was learned stays."""
         self.network.reset()
         self.novelty_detector.reset()
-
-    def save_pretrained(self, folder: str | Path) -> None:
-        """Write `config.json` and `model.safetensors`.
-
-        Writes are atomic: after a crash the old or the new checkpoint is intact.
-
-        Args:
-            folder: made if it is missing; a checkpoint in it is replaced, other files stay.
-
-        Raises:
-            ValueError: tensors that contradict one another; nothing has been written.
-        """
-        with self.network.changing:
-            tensors, reports = self.state_dict(), [report._asdict() for report in self.reports]
-        self.check_state(tensors)
-        fields = {**asdict(self.config), "reports": reports}
-        save_checkpoint(folder, "Imitator", fields, tensors)
-
-    @classmethod
-    def from_pretrained(cls, folder: str | Path, engine: Engine = "auto") -> Imitator:
-        """Load what `save_pretrained` wrote, on the CPU, ready to act or to learn more.
-
-        Raises:
-            FileNotFoundError: no checkpoint there.
-            ValueError: a damaged file, an unknown version, the checkpoint of something else, or a
-                missing, extra or misshapen tensor.
-        """
-        fields, tensors = load_checkpoint(folder, "Imitator")
-        old_reports = fields.pop("lessons", None)  # their name in checkpoints of version 0.1
-        reports = read_reports(fields.pop("reports", old_reports))
-        config = ImitatorConfig.from_dict(fields)
-        try:
-            check_dimensions(config.network, tensors, "network.")  # before memory is allocated
-            if config.forward_model is not None:
-                MLPForwardModel.check_sizes(config.forward_model, part_of(tensors, _MODEL))
-            imitator = cls(config, engine)
-            imitator.load_state_dict(tensors)
-            imitator.reports = reports
-            imitator._check_reports()
-        except (RuntimeError, ValueError) as error:
-            reason = " ".join(str(error).split())  # torch's messages have several lines
-            raise ValueError(
-                f"expected the tensors of an Imitator in '{folder}': {reason}"
-            ) from error
-        return imitator
-
-    def state_dict(self, *args: Any, **kwargs: Any) -> Any:
-        """As of any module; while another thread learns, of before or after a demonstration."""
-        with self.network.changing:
-            return super().state_dict(*args, **kwargs)
-
-    def load_state_dict(
-        self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
-    ) -> Any:
-        """As of any module, all or nothing; waits until other threads have learned."""
-        with self.network.no_learning(), self.network.changing:
-            check_model(self.forward_model, part_of(state_dict, _MODEL), strict)
-            return super().load_state_dict(state_dict, strict, assign)
-
-    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
-        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
-        check_structure(self, tensors)
-        check_conditions({"a finite first action": tensors["first_action"].isfinite().all()})
-
-    def _check_reports(self) -> None:
-        """Raise a ValueError unless each episode that the network learned has a report."""
-        self.schemas.episodes.check()
-        numbers = self.schemas.episodes.live("number")
-        if len(numbers) and int(numbers[-1]) >= len(self.reports):
-            raise ValueError(
-                f"expected a report of each of {int(numbers[-1]) + 1} episodes learned, "
-                f"got {len(self.reports)}"
-            )
-
-    def _latest(self) -> ImitatorSnapshot:
-        """Return a snapshot of what is known now; the same one until something is learned."""
-        network, snapshot = self.network.snapshot(), self._snapshot
-        if snapshot is None or not snapshot.is_of(network, self.novelty_detector):
-            with self.network.changing:
-                snapshot = ImitatorSnapshot.take(self.network.snapshot(), self.novelty_detector)
-                self._snapshot = snapshot
-        return snapshot
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the snapshot out of copies, which take their own."""
-        return {**self.__dict__, "_snapshot": None}
 
     def _fit(self, model: MLPForwardModel, episodes: Sequence[Demonstration]) -> None:
         """Fit the forward model to all steps from one frame to the next."""
