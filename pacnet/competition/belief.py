@@ -27,19 +27,18 @@ class RecognitionConfig:
     """How a known episode is recognized.
 
     Distances are in normalized units, in which the noise of a percept should have a length of about
-    0.1: the square root of the sum over dimensions of (noise × scale)². Where it is larger, widths
-    and thresholds must be too, or the scale smaller.
+    0.1: the square root of the sum over dimensions of (noise × scale)². If it is larger, increase
+    `obs_std` and `novel_above`, or reduce the scale.
 
     Attributes:
         n_states: number P of states of each known episode.
-        obs_std: standard deviation of the likelihood, in normalized units: how far a percept may
-            well be from the expected one. Larger than the noise of a single percept, since what
-            distinguishes demonstrations lasts for many samples.
+        obs_std: standard deviation of the likelihood, in normalized units. It should be larger
+            than the noise of a single percept, because demonstrations differ for many samples.
         outlier_likelihood: likelihood of a percept that fits nothing, relative to one that fits
-            perfectly. It keeps a burst of noise from deciding what is being watched.
+            perfectly. It keeps a burst of noise from deciding which episode is recognized.
         restart_prob: probability that a sample belongs to any other state of any episode.
-        novel_above: novelty above which a percept is called novel, in (0, 1). Two percepts of the
-            same instant are √2 times the noise apart.
+        novel_above: novelty above which a percept is novel, in (0, 1). Two percepts of the same
+            instant are √2 times the noise apart.
     """
 
     n_states: int = 128

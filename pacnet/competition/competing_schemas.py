@@ -1,4 +1,4 @@
-"""Several motor schemas per node: different continuations are kept apart, and compete.
+"""Several motor schemas per node, one for each different continuation; they compete.
 
 Beyond Maistros, Marom & Hayes (2001), whose footnote considers "hard-wiring more motor schemas to
 a perceptual categorisation" and whose retraining overwrites.
@@ -23,8 +23,8 @@ from pacnet.core.growable_rows import as_array
 from pacnet.core.old_names import old_names
 from pacnet.core.validation import as_batch, check_index, is_integer, is_number
 from pacnet.schemas.consolidation import consolidate
+from pacnet.schemas.interface import Samples, Target
 from pacnet.schemas.memory import EpisodicMemory
-from pacnet.schemas.records import Samples, Target
 from pacnet.schemas.sequences import compact
 from pacnet.schemas.visits import add_samples
 
@@ -35,17 +35,16 @@ class CompetingSchemas(EpisodicMemory):
 
     Learning: while an episode lasts, each of its visits (`pacnet.schemas.visits`) has a schema of
     its own. When the next episode begins, each is compared with the schemas that its node keeps
-    (`pacnet.schemas.consolidation`). One that is alike, in its cues and in what came after, is the
-    same schema seen again: it gains support, and if the episode is not worse than what is known,
-    the new sequence replaces the old one. One that is unlike all is kept beside them; where a node
+    (`pacnet.schemas.consolidation`). If its cues and its continuation are similar to those of one
+    of them, it is the same schema seen again: that one gains support, and the new sequence replaces
+    the old one if the episode is not worse. Otherwise it is kept as a further schema. If the node
     is full, it replaces one that was also seen only once, if it is not worse, or is dropped.
 
-    Recall: every schema of the winner has a confidence, the probability that what is watched is a
-    visit to it, given the recall episode so far, times how well it fits the percept. The most
-    confident one gives the target whose cue is nearest. Where none is confident, the winner
-    matches but does not belong to what is watched: a node that came with one behaviour may be
-    nearest to a percept of another. Then all schemas compete that have a cue to which the percept
-    is not novel. Where none of these is confident either, nothing is recalled.
+    Recall: the confidence of a schema is the probability that the present percept belongs to a
+    visit to it, given the recall episode so far, times how well the schema fits the percept. The
+    most confident schema of the winner gives the target whose cue is nearest. If none of them is
+    confident, the winner may be a node of another behaviour; then all schemas compete that have a
+    cue to which the percept is not novel. If none of these is confident, nothing is recalled.
 
     Args:
         config: see `CompetingSchemasConfig`.
@@ -59,12 +58,12 @@ class CompetingSchemas(EpisodicMemory):
         self._forget_recall()
 
     def reset(self) -> None:
-        """Start a recall episode: forget what was seen in the last one."""
+        """Start a new recall episode; what was learned stays."""
         if self._recall is not None:
             self._recall.reset()
 
     def _forget_recall(self) -> None:
-        """Drop what was worked out from the memory, which has changed."""
+        """Drop what was derived from the memory, which has changed."""
         self._timeline: Timeline | None = None
         self._recall: CompetingRecall | None = None
 
@@ -165,20 +164,20 @@ class CompetingSchemas(EpisodicMemory):
             add_samples(self, samples)
 
     def timeline(self) -> Timeline | None:
-        """Return what is expected when in each known episode; None without episodes."""
+        """Return the timeline of the known episodes; None without episodes."""
         if self._timeline is None and len(self.visits) > 0:
             self.check()
-            compact(self)  # else saving would, and the timeline would refer to other rows
+            compact(self)  # saving compacts, after which the timeline would refer to other rows
             self._timeline = build_timeline(self, self.config.recognition.n_states)
         return self._timeline
 
     def new_recall(self) -> CompetingRecall | None:
-        """Return a recall episode beside the one of `recall`; None without schemas."""
+        """Return a recall episode of its own; None without schemas."""
         timeline = self.timeline()
         if timeline is None:
             return None
         memory = snapshot_of(self)
-        memory._recall = None  # else it would keep the last one, and that the one before
+        memory._recall = None  # otherwise each recall episode would keep the one before
         return CompetingRecall(memory, memory.config, timeline)
 
     @property
@@ -203,7 +202,7 @@ class CompetingSchemas(EpisodicMemory):
         return None if self._recall is None else self._recall.recall(node, percept)
 
     def recognizer(self) -> Recognizer:
-        """Return a recognizer of what is watched from now on.
+        """Return a recognizer of an episode that begins with the next percept.
 
         Raises:
             ValueError: no schemas yet.

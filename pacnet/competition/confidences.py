@@ -1,4 +1,4 @@
-"""How confident each of several schemas is, given a percept and what is being watched."""
+"""Confidences of several schemas, given a percept and the belief."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pacnet.schemas.memory import EpisodicMemory
 
 
 class SchemaConfidences:
-    """What of some schemas' confidences does not change while nothing is learned.
+    """Computes the confidences of some schemas; it holds what does not change during recall.
 
     Args:
         memory: the schemas of all nodes, in a pool without gaps.
@@ -45,7 +45,7 @@ class SchemaConfidences:
         self._visits = torch.stack([first, last, schema[visits]], dim=1).numpy(force=True)
 
     def part(self, indices: NDArray[np.int64]) -> SchemaConfidences:
-        """Return some of these, at ascending indices `[K ≥ 1]`, with unlimited reach."""
+        """Return those at ascending indices `[K ≥ 1]`, with unlimited reach."""
         part = copy.copy(self)
         part.ids, part._reach = [self.ids[index] for index in indices.tolist()], math.inf
         part._spans = np.ascontiguousarray(self._spans[indices])

@@ -1,4 +1,4 @@
-"""Every choice of competing motor schemas in one place."""
+"""Settings of competing motor schemas."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from pacnet.schemas.memory import EpisodicMemoryConfig
 )
 @dataclass(frozen=True)
 class CompetingSchemasConfig(EpisodicMemoryConfig):
-    """How schemas are told apart and consolidated (`EpisodicMemoryConfig`), and recalled.
+    """How schemas are distinguished and consolidated (`EpisodicMemoryConfig`), and recalled.
 
     Attributes:
-        nearest_cues: over how many of the nearest cues a recalled target is averaged.
+        nearest_cues: number of nearest cues whose targets are averaged.
         threshold: confidence under which a schema does not compete; see `Competition`.
         margin: by how much more confident than the incumbent a challenger must be.
-        recognition: of what is being watched.
+        recognition: how known episodes are recognized.
         type: which kind of motor schemas it is, in a checkpoint's `config.json`.
     """
 

@@ -34,7 +34,7 @@ class Rival(NamedTuple):
     node: int
     """Its node."""
     confidence: float
-    """The probability that a visit to it is watched, times how well it fits."""
+    """The probability of a visit to it, times its activation by the percept."""
     offset: int
     """Of its cue nearest to the percept."""
     behaviours: tuple[str, ...]

@@ -1,7 +1,6 @@
-"""A recall episode of schemas that compete: which one wins, and its current target.
+"""A recall episode of competing schemas: which one wins, and its current target.
 
-The network and its schemas may go on learning meanwhile: the episode works on what was known when
-it began.
+The network may learn meanwhile: the episode works on what was known when it began.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.competition.explanation import Rival, rivals_of
 from pacnet.competition.timeline import Timeline
 from pacnet.competition.winner_take_all import NO_SCHEMA, Competition, CompetitionConfig
+from pacnet.schemas.interface import Target
 from pacnet.schemas.memory import EpisodicMemory
-from pacnet.schemas.records import Target
 
 
 class CompetingRecall:
@@ -33,8 +32,8 @@ class CompetingRecall:
         timeline: of the episodes in memory.
 
     Attributes:
-        belief: which of these is being watched, and how far it is.
-        cues: of all of them, `[R, D]`.
+        belief: the probability of each state of each known episode.
+        cues: of all schemas, `[R, D]`.
     """
 
     def __init__(
@@ -91,15 +90,7 @@ class CompetingRecall:
         return [*others, *own]
 
     def _compete(self, node: int, distances: NDArray[np.floating]) -> slice | None:
-        """Find the winner among the node's schemas, else among all to which the percept is known.
-
-        Args:
-            node: the winner, or `NO_NODE`.
-            distances: of the percept from every cue of the pool, `[R]`.
-
-        Returns:
-            The pool's rows of the schema that wins, the incumbent from now on; None without.
-        """
+        """Let the node's schemas compete, then all; return the pool's rows of the winning one."""
         if node == NO_NODE:
             return None
         for here in self._candidates(node):

@@ -1,4 +1,4 @@
-"""Recognition: which behaviour is watched, its progress, what comes next, and how novel it is.
+"""Recognition: which behaviour is observed, its progress, what comes next, and how novel it is.
 
 Maistros, Marom & Hayes (2001) hope that coupling perception to action lets a robot "'understand'
 the observed interactions of others". Here the schemas that would drive the robot run along with
@@ -54,7 +54,7 @@ class RecognitionStep(NamedTuple):
 
 
 class Recognizer:
-    """Follows one episode.
+    """Recognizes one episode, percept by percept.
 
     Args:
         recall: a recall episode that has just begun.
@@ -81,12 +81,12 @@ class Recognizer:
         probability = np.bincount(self._behaviour_of, of_episodes, minlength=self._n_behaviours)
         behaviour = int(probability.argmax())
 
-        # The rest is about the most probable behaviour alone: no mean of two different futures.
+        # All else is of the most probable behaviour: the mean of two futures may be neither.
         ours = (self._behaviour_of == behaviour)[:, None]
         now = _normalized(self._belief.probability * ours)  # [E, P]
         soon = _normalized(self._belief.predict() * ours)
         middle = (np.arange(now.shape[1]) + 0.5) / now.shape[1]
-        # What distinguishes this episode from the known ones lasts for more than a sample.
+        # An episode's deviation from the known ones lasts for many samples.
         deviation = percept - self._expected(now) - self._bias
         self._bias = self._bias + _BIAS_RATE * deviation
         return RecognitionStep(

@@ -1,6 +1,6 @@
-"""The known episodes laid out in time: which stored percept is expected in each state of each.
+"""The timeline of the known episodes: the percept expected in each state of each.
 
-An episode, from its beginning to its end, is cut into equal parts: the states of a chain.
+An episode is divided into equal parts, the states of a chain.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class Timeline(NamedTuple):
 def build_timeline(memory: EpisodicMemory, n_states: int) -> Timeline:
     """Return the timeline of all episodes that still have a schema.
 
-    A state takes the row whose time in the episode is nearest to its middle. A schema that was
-    shown in another episode is stretched to the time of this one's visit.
+    A state has the row whose time in the episode is nearest to its middle. The sequence of a schema
+    that was shown in another episode is stretched to the time of this episode's visit.
 
     Args:
         memory: with at least one visit.
@@ -79,7 +79,7 @@ def make_timeline(rows: Tensor, episode: Tensor, samples: Tensor, behaviour: Ten
 
 
 def shown_samples(memory: EpisodicMemory) -> tuple[Tensor, Tensor, Tensor]:
-    """Return every sample that some visit stands for, visit by visit.
+    """Return every sample of every visit, visit by visit.
 
     Returns:
         Row of its visit, int64 `[S]`; its time in the episode [samples], `[S]`; its row of the
@@ -108,7 +108,7 @@ def _nearest_in_time(state: Tensor, distance: Tensor, row: Tensor) -> tuple[Tens
 
 
 def _without_gaps(rows: Tensor) -> Tensor:
-    """Return rows `[E, P]` in which a state without one, −1, has that of the nearest state."""
+    """Return rows `[E, P]` in which each −1 is replaced by the row of the nearest state."""
     states = torch.arange(rows.shape[1], device=rows.device).expand_as(rows)
     nowhere = 2 * rows.shape[1]
     before = states.where(rows >= 0, -nowhere).cummax(dim=1).values

@@ -1,8 +1,8 @@
-"""Competition: of schemas that are confident enough, one wins.
+"""Competition: the most confident schema wins.
 
 Source: Maistros, Marom & Hayes (2001), Figure 1: "candidate commands compete in the competition
-module and the one with the highest confidence wins". The hysteresis is ours: it keeps two nearly
-equal schemas from taking turns.
+module and the one with the highest confidence wins". The hysteresis is ours: without it, two nearly
+equal schemas would alternate.
 """
 
 from __future__ import annotations
@@ -26,39 +26,37 @@ class CompetitionConfig:
     """The rules of a `Competition`.
 
     Attributes:
-        threshold: confidence under which a schema does not compete, in [0, 1].
-        margin: by how much more confident than the incumbent a challenger must be, ≥ 0. Zero is
-            the paper's winner-take-all, in which incumbents count for nothing; more is
-            winner-take-all with hysteresis.
+        threshold: confidence below which a schema does not compete, in [0, 1].
+        margin: how much the confidence of a challenger must exceed that of the incumbent, ≥ 0.
+            Zero is the paper's winner-take-all, without incumbents; more adds hysteresis.
     """
 
     threshold: float = 0.0
     margin: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuses values that have no meaning."""
-        valid = is_number(self.threshold) and 0 <= self.threshold <= 1
-        check_fields(
-            self,
-            {
-                "threshold": (valid, "in [0, 1]"),
-                "margin": (is_number(self.margin) and self.margin >= 0, "≥ 0 and finite"),
-            },
-        )
+        """Validate the fields."""
+        is_threshold = is_number(self.threshold) and 0 <= self.threshold <= 1
+        is_margin = is_number(self.margin) and self.margin >= 0
+        checks = {
+            "threshold": (is_threshold, "in [0, 1]"),
+            "margin": (is_margin, "≥ 0 and finite"),
+        }
+        check_fields(self, checks)
 
 
 class Competition(nn.Module):
-    """Picks one winner, or none, from the confidences of S schemas.
+    """Chooses one winner, or none, from the confidences of S schemas.
 
     The rules, in this order:
 
-    1. A schema competes if its confidence is at least `threshold`. Where none competes, `NO_SCHEMA`
-       wins.
-    2. With a margin, an incumbent that competes stays, unless the confidence of the most confident
-       schema is greater than its own plus `margin`. One that no longer competes counts for nothing.
-    3. Otherwise the most confident schema wins, of exactly equal ones the lowest number.
+    1. A schema competes if its confidence is at least `threshold`. If none competes, the winner is
+       `NO_SCHEMA`.
+    2. With a margin, an incumbent that competes wins again, unless the highest confidence is
+       greater than its own plus `margin`.
+    3. Otherwise the most confident schema wins; ties go to the lowest index.
 
-    It keeps no state: who won last is the caller's to remember, or `over_time`'s.
+    It keeps no state: the caller passes the last winner.
 
     Args:
         config: see `CompetitionConfig`.
@@ -77,18 +75,15 @@ class Competition(nn.Module):
 
     @torch.no_grad()
     def forward(self, confidences: Tensor, incumbents: Tensor | None = None) -> Tensor:
-        """B independent competitions.
+        """Return the winners of B independent competitions, int64 `[B]`.
 
         Args:
             confidences: `[B, S]`; S may be 0.
-            incumbents: who won before, int64 `[B]`, `NO_SCHEMA` for nobody; nobody if left out.
-
-        Returns:
-            The winners, int64 `[B]`; `NO_SCHEMA` where none competes.
+            incumbents: the last winners, int64 `[B]`, or `NO_SCHEMA`; by default none.
 
         Raises:
-            ValueError: confidences that are no finite floating-point `[B ≥ 1, S]`, or incumbents
-                that are not one `NO_SCHEMA` or number under S each.
+            ValueError: confidences that are not finite floats `[B ≥ 1, S]`, or incumbents that are
+                not `NO_SCHEMA` or an index of a schema.
         """
         _check_confidences(confidences)
         if incumbents is not None:
@@ -96,14 +91,11 @@ class Competition(nn.Module):
         return self._winners(confidences, incumbents)
 
     def winner(self, confidences: NDArray[np.floating[Any]], incumbent: int = NO_SCHEMA) -> int:
-        """One competition, for a control loop: nothing is checked.
+        """Return the winner of one competition, for a control loop; nothing is checked.
 
         Args:
             confidences: an array `[S]`, finite; S ≥ 1.
-            incumbent: who won before.
-
-        Returns:
-            The winner, or `NO_SCHEMA`.
+            incumbent: the last winner, or `NO_SCHEMA`.
         """
         number = confidences.dtype.type  # rounded as torch rounds a number beside a tensor
         threshold, margin = number(self.config.threshold), number(self.config.margin)
@@ -117,18 +109,14 @@ class Competition(nn.Module):
 
     @torch.no_grad()
     def over_time(self, confidences: Tensor, incumbent: int = NO_SCHEMA) -> Tensor:
-        """One competition along time: each winner, or `NO_SCHEMA`, is the next one's incumbent.
+        """Return the winners over time, int64 `[T]`; each is the incumbent of the next sample.
 
         Args:
             confidences: `[T, S]`, in order of time; S may be 0.
-            incumbent: who won before the first sample.
-
-        Returns:
-            The winners, int64 `[T]`.
+            incumbent: the winner before the first sample, or `NO_SCHEMA`.
 
         Raises:
-            ValueError: confidences as in `forward`; an incumbent that is no `NO_SCHEMA` or number
-                under S.
+            ValueError: as `forward`.
         """
         _check_confidences(confidences)
         here = torch.tensor([incumbent], device=confidences.device)
@@ -142,7 +130,7 @@ class Competition(nn.Module):
         return torch.cat(winners)
 
     def _winners(self, confidences: Tensor, incumbents: Tensor | None) -> Tensor:
-        """`forward` for checked input."""
+        """Do the same as `forward`, for checked input."""
         if confidences.shape[1] == 0:
             return confidences.new_full((len(confidences),), NO_SCHEMA, dtype=torch.int64)
         highest, winners = confidences.amax(dim=1), confidences.argmax(dim=1)  # [B]
@@ -155,7 +143,7 @@ class Competition(nn.Module):
 
 
 def _check_confidences(confidences: Tensor) -> None:
-    """A ValueError for anything but finite floating-point rows."""
+    """Raise a ValueError unless these are finite floating-point rows."""
     is_rows = isinstance(confidences, Tensor) and confidences.dim() == 2
     is_float = isinstance(confidences, Tensor) and confidences.is_floating_point()
     columns = confidences.shape[1] if is_rows else 1
@@ -163,7 +151,7 @@ def _check_confidences(confidences: Tensor) -> None:
 
 
 def _check_incumbents(incumbents: Tensor, confidences: Tensor) -> None:
-    """A ValueError for anything but one `NO_SCHEMA` or number of a schema for each row."""
+    """Raise a ValueError unless these are `NO_SCHEMA` or an index of a schema for each row."""
     rows, schemas = confidences.shape
     wanted = f"expected incumbents as an int64 tensor of shape [{rows}] on {confidences.device}"
     if not isinstance(incumbents, Tensor):

@@ -22,8 +22,7 @@ from pacnet.network.checks import check_episode, check_pair, check_states
 from pacnet.network.records import Decision
 from pacnet.network.snapshot import Snapshot, check_nodes
 from pacnet.network.state import NetworkState
-from pacnet.schemas.interface import NO_EPISODE
-from pacnet.schemas.records import Samples
+from pacnet.schemas.interface import NO_EPISODE, Samples
 
 
 class PACNet(NetworkState):

@@ -1,4 +1,4 @@
-"""Consolidation: whether a schema is replaced by what a new episode shows, or kept.
+"""Consolidation: decide whether a new episode's schemas replace those kept.
 
 Maistros, Marom & Hayes (2001), "The Integrated System", overwrite a schema by each new episode and
 call that crude. Here a new sequence of targets must not be worse than the old one.
@@ -21,7 +21,7 @@ _FAR_WORSE = 0.5  # a sequence of lower quality is not renewed even where its ep
 
 
 class Quality(NamedTuple):
-    """What a sequence of targets is judged by."""
+    """Quality measures of a sequence of targets."""
 
     fit: float
     """Mean activation of its node by its cues, in (0, 1]."""
@@ -53,8 +53,8 @@ def compare(new: Quality, old: Quality, typical_length: float) -> float:
     typical one, as shorter over longer.
 
     Args:
-        new: of what the new episode shows.
-        old: of what the node keeps.
+        new: of the sequence from the new episode.
+        old: of the sequence that the node keeps.
         typical_length: geometric mean length of all sequences of this schema.
     """
     smoothness = max(old.roughness, _SMOOTHEST) / max(new.roughness, _SMOOTHEST)
@@ -66,14 +66,14 @@ def compare(new: Quality, old: Quality, typical_length: float) -> float:
 
 
 def consolidate(memory: EpisodicMemory) -> None:
-    """Compare each schema of an episode that is over with those that its node keeps, in place.
+    """Compare each schema of a finished episode with those that its node keeps, in place.
 
     The sequences of one episode belong together: a glass is put down where the hand that took it
-    expects it. So an episode renews all schemas that it shares with earlier ones, or none. It does
-    if, over all of them, its quality (`compare`, geometric mean over their targets), times the
-    share of its targets that lie in shared schemas, has not dropped by more than
-    `max_quality_drop`. The share matters because a hand that misses the glass moves as smoothly as
-    one that does not: only the rest of the episode shows that something went wrong.
+    expects it. An episode therefore renews all schemas that it shares with earlier ones, or none.
+    It renews them if its quality has not dropped by more than `max_quality_drop`. The quality is
+    the geometric mean of `compare` over the targets of all shared schemas, times the share of the
+    episode's targets that lie in shared schemas. The share matters because a hand that misses the
+    glass moves as smoothly as one that does not: only the rest of the episode shows the error.
     """
     known = _Comparison(memory)
     renews = _is_not_worse(known)
@@ -191,13 +191,13 @@ def _merge(known: _Comparison, new: int, match: int, renews: bool) -> int:
 
 
 def _evict_weakest(known: _Comparison, new: int, evicted: set[int]) -> set[int]:
-    """Return the schema that must go, if any, for the node to keep one of another kind."""
+    """Return the schema to delete, if any, so that the node keeps `schemas_per_node` at most."""
     kept = known.kept(new, evicted)
     if len(kept) < known.config.schemas_per_node:
         return set()
     weakest = min(kept, key=lambda old: known.support[old])
-    if known.support[weakest] > 1:  # what was seen again is not replaced by what was seen once
-        return {new}
+    if known.support[weakest] > 1:
+        return {new}  # a schema seen once does not replace one seen again
     typical = float(known.typical_length[weakest])
     quality = compare(known.quality(new), known.quality(weakest), typical)
     return {weakest if quality >= 1 - known.config.max_quality_drop else new}

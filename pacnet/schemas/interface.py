@@ -1,10 +1,10 @@
-"""What both kinds of motor schemas do: one sequence per node, or several that compete."""
+"""The interface of motor schemas, with one sequence per node or several that compete."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -14,12 +14,42 @@ from torch import Tensor
 from pacnet.attention.records import NO_NODE
 from pacnet.core.growable_rows import as_array
 from pacnet.core.validation import as_batch, check_bounded, check_index
-from pacnet.schemas.records import Samples, Target
 from pacnet.schemas.sequences import Sequences
 
 NO_EPISODE = -1
 """The episode of a schema that was never written."""
 _Own = TypeVar("_Own", bound="Schemas")
+
+
+class Samples(NamedTuple):
+    """T samples of an episode, in order of time, as the map passes them on."""
+
+    node: Tensor
+    """The winner, int64 `[T]`; used only where it is habituated."""
+    activation: Tensor
+    """Activation of the winner, `[T]`."""
+    habituated: Tensor
+    """Whether the winner is fully habituated, bool `[T]`."""
+    target: Tensor
+    """`[T, A]`."""
+    cue: Tensor
+    """The normalized percept, `[T, D]`."""
+
+
+class Target(NamedTuple):
+    """The current target of a motor schema, at one percept or at each of T percepts.
+
+    Its fields are an array and two integers, or arrays or tensors of T rows. At one percept without
+    a target there is no `Target`; among T, its row holds NaN, −1 and −1.
+    """
+
+    target: Any
+    """`[A]`, or `[T, A]`."""
+    offset: Any
+    """Its place in the schema's sequence, or int64 `[T]`; with several nearest cues, of the
+    nearest."""
+    schema: Any
+    """The schema's id, or int64 `[T]`."""
 
 
 class Schemas(Sequences, ABC):

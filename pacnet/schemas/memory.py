@@ -1,4 +1,4 @@
-"""What is remembered of episodes: the schemas that each visited, one after the other."""
+"""Episodic memory: schemas, and the episodes that visited them."""
 
 from __future__ import annotations
 
@@ -26,21 +26,22 @@ from pacnet.schemas.state_checks import episodes_hold, references_hold, sequence
 
 @dataclass(frozen=True)
 class EpisodicMemoryConfig:
-    """How schemas are told apart and consolidated.
+    """How schemas are distinguished and consolidated.
 
     Attributes:
         target_dimensions: length A of a target.
         percept_dimensions: length D of a cue.
-        schemas_per_node: how many different schemas a node keeps. If all of them have been seen
-            more than once, it keeps no further one.
-        same_schema_similarity: two schemas of a node are the same, seen twice, where exp(−distance)
-            is at least this, in (0, 1): the distance between their cues, and between what came
-            after them. Twice the length of a percept's noise, in normalized units, is a good
-            distance.
-        lookahead_samples: how many samples after its last a schema's continuation is taken: half a
-            second at the data's rate. A node that wins again within as many continues its schema.
-        max_quality_drop: how much worse than what is kept an episode may be and still renew it, in
-            [0, 1); see `pacnet.schemas.consolidation`.
+        schemas_per_node: maximum number of different schemas of a node. If all of them have been
+            seen more than once, the node keeps no further one.
+        same_schema_similarity: similarity exp(−distance), in (0, 1), from which two schemas of a
+            node count as the same one, seen twice. The distance is the larger of those between
+            their cues and between their continuations. Twice the length of a percept's noise, in
+            normalized units, is a good distance.
+        lookahead_samples: number of samples after a schema's last at which its continuation is
+            taken: half a second at the data's rate. A node that wins again within as many
+            continues its schema.
+        max_quality_drop: share, in [0, 1), by which an episode's quality may be below that of the
+            stored sequences and still renew them; see `pacnet.schemas.consolidation`.
     """
 
     target_dimensions: int
@@ -56,14 +57,10 @@ class EpisodicMemoryConfig:
         checks = {name: (is_integer(getattr(self, name), 1), "≥ 1") for name in integers}
         similarity, drop = self.same_schema_similarity, self.max_quality_drop
         after = self.lookahead_samples
-        checks["same_schema_similarity"] = (
-            is_number(similarity) and 0 < similarity < 1,
-            "in (0, 1)",
-        )
-        checks["lookahead_samples"] = (
-            is_integer(after, 1) and after <= MAX_SAMPLES,
-            f"from 1 to {MAX_SAMPLES} samples",
-        )
+        is_similarity = is_number(similarity) and 0 < similarity < 1
+        is_count = is_integer(after, 1) and after <= MAX_SAMPLES
+        checks["same_schema_similarity"] = (is_similarity, "in (0, 1)")
+        checks["lookahead_samples"] = (is_count, f"from 1 to {MAX_SAMPLES} samples")
         checks["max_quality_drop"] = (is_number(drop) and 0 <= drop < 1, "in [0, 1)")
         check_fields(self, checks)
 

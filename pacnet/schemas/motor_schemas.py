@@ -1,7 +1,7 @@
-"""Motor schemas: for each node of the map a growing sequence of targets, written by three rules.
+"""Motor schemas: one growing sequence of targets per node of the map, written by three rules.
 
 Source: Maistros, Marom & Hayes (2001), section "The Integrated System". Each target is kept with
-its cue, the percept it was shown with, so that recall can follow the pace of what it perceives.
+its cue, the percept it was shown with, so that recall follows the pace of what is perceived.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ from pacnet.core.validation import (
     check_indices,
     is_integer,
 )
-from pacnet.schemas.interface import NO_EPISODE, Schemas
-from pacnet.schemas.records import Samples, Target
+from pacnet.schemas.interface import NO_EPISODE, Samples, Schemas, Target
 from pacnet.schemas.sequences import INTEGER
 from pacnet.schemas.state_checks import sequences_hold
 
@@ -42,9 +41,9 @@ class MotorSchemasConfig:
         recall_by: how the current target is found in the winner's sequence. `cue`: the target whose
             cue is nearest to the percept, so that a slower, faster or interrupted demonstration is
             followed at its own pace. `order`: the next target at each sample, as in the paper.
-        nearest_cues: with `cue`, over how many of the nearest cues the target is averaged. One
-            reproduces what was shown; more smooth away chance differences where similar percepts
-            were followed by different targets.
+        nearest_cues: with `cue`, the number of nearest cues whose targets are averaged. One
+            reproduces the demonstration; more average out random differences between targets of
+            similar percepts.
         type: which kind of motor schemas it is, in a checkpoint's `config.json`.
     """
 

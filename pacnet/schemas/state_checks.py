@@ -1,4 +1,4 @@
-"""What must hold of the tensors of motor schemas, and of those that remember episodes."""
+"""Conditions on the tensors of motor schemas and of the episodic memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOST_SAMPLES = 2**53  # of an episode, the most that float64 counts
 
 
 def sequences_hold(tensors: Tensors) -> Checks:
-    """Return what holds of sequences in a pool without gaps."""
+    """Return the conditions on sequences in a pool without gaps."""
     lengths, starts = tensors["blocks.length"], tensors["blocks.start"]
     target = tensors["pool.target"]
     within_pool = (lengths >= 0) & (lengths <= len(target))
@@ -28,7 +28,7 @@ def sequences_hold(tensors: Tensors) -> Checks:
 
 
 def references_hold(behaviours: int, tensors: Tensors) -> Checks:
-    """Return what holds of remembered episodes at any time: each row refers to rows that exist.
+    """Return the conditions on episodes at any time: each row refers to rows that exist.
 
     Args:
         behaviours: number of behaviours that have a name.
@@ -58,7 +58,7 @@ def references_hold(behaviours: int, tensors: Tensors) -> Checks:
 
 
 def episodes_hold(tensors: Tensors) -> Checks:
-    """Return what holds of remembered episodes in a saved state, beside `references_hold`."""
+    """Return the conditions on episodes in a saved state, in addition to `references_hold`."""
     blocks, visits = part_of(tensors, "blocks."), part_of(tensors, "visits.")
     frame, samples = tensors["pool.frame"], tensors["episodes.samples"]
     number, schema, count = tensors["episodes.number"], visits["schema"], len(blocks["node"])

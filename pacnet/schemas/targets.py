@@ -1,4 +1,4 @@
-"""Targets that lie some steps ahead of the percept that they go with."""
+"""Targets that lie some steps ahead of their percepts."""
 
 from __future__ import annotations
 
@@ -9,17 +9,14 @@ from pacnet.core.validation import is_integer
 
 
 def targets_ahead(states: Tensor, steps: int) -> Tensor:
-    """The state that each sample of an episode is on its way to.
+    """Return the state `steps` samples after each sample of an episode; near the end, the last.
 
     Args:
-        states: what the targets are made of, `[T, A]`, in order of time within one episode.
-        steps: how far ahead, ≥ 0 samples.
-
-    Returns:
-        Targets `[T, A]`: the state `steps` samples later; near the end, the last one.
+        states: `[T, A]`, in order of time.
+        steps: ≥ 0 [samples].
 
     Raises:
-        ValueError: states that are no tensor `[T, A]`, or steps that are no integer ≥ 0.
+        ValueError: states that are not a tensor `[T, A]`, or steps that are not an integer ≥ 0.
     """
     if not isinstance(states, Tensor) or states.dim() != 2:
         got = list(states.shape) if isinstance(states, Tensor) else type(states).__name__

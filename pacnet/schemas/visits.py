@@ -1,7 +1,7 @@
-"""Visits: an episode is kept as the stretches of it at one habituated node each.
+"""Visits: an episode is stored as stretches of samples at one habituated node each.
 
-A node that wins again soon continues its visit. The result depends on the samples alone, to the
-bit, not on the portions in which they come.
+A node that wins again soon continues its visit. Learning an episode in parts gives the same result
+as learning it at once, to the bit.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
 from pacnet.attention.records import NO_NODE
+from pacnet.schemas.interface import Samples
 from pacnet.schemas.memory import EpisodicMemory
-from pacnet.schemas.records import Samples
 from pacnet.schemas.state_checks import OPEN
 
 _NO_ROW = -1
@@ -30,7 +30,7 @@ class Visit:
         last: sample of the episode at which the node won last.
         row: of `EpisodicMemory.visits`; −1 while it has none.
         schema: id of its own schema, likewise.
-        samples: those of the current portion that belong to it, ascending.
+        samples: those of the current part of the episode that belong to it, ascending.
     """
 
     node: int
@@ -41,7 +41,7 @@ class Visit:
 
 
 def add_samples(memory: EpisodicMemory, samples: Samples) -> None:
-    """Learn the next portion of the latest episode, at least one sample, in place."""
+    """Learn the next part of the latest episode, at least one sample, in place."""
     episode = memory.episodes
     first = int(episode.live("samples")[-1])
     nodes = samples.node.where(samples.habituated, NO_NODE).tolist()
@@ -57,16 +57,13 @@ def add_samples(memory: EpisodicMemory, samples: Samples) -> None:
 def assign_samples(
     nodes: Sequence[int], first: int, unfinished: Sequence[Visit], lookahead: int
 ) -> list[Visit]:
-    """Assign each sample to its visit.
+    """Assign each sample to its visit, and return the unfinished visits, then the new ones.
 
     Args:
         nodes: the habituated winner at each sample, or `NO_NODE`.
-        first: which sample of the episode the first one is.
-        unfinished: visits that may continue, one per node.
+        first: index in the episode of the first sample.
+        unfinished: visits that may continue, one per node; they are changed.
         lookahead: number of samples after its last within which a visit may continue.
-
-    Returns:
-        The unfinished visits, changed, then the new ones in the order of their first samples.
     """
     visits = list(unfinished)
     at = {visit.node: visit for visit in visits}
@@ -83,16 +80,13 @@ def assign_samples(
 
 
 def continue_means(means: Tensor, seen: Tensor, values: Tensor, counts: Tensor) -> Tensor:
-    """Update running means, to the bit as if the values had come one at a time.
+    """Return updated running means, the same to the bit as with one value at a time.
 
     Args:
         means: of the values so far, `[K]`.
         seen: number of values in each so far, int64 `[K]`.
         values: new values `[sum of counts]` of the means' dtype, one mean after the other.
         counts: number of new values of each, int64 `[K]`, ≥ 1.
-
-    Returns:
-        The means over all values, `[K]`.
     """
     table = pad_sequence(list(values.split(counts.tolist())))  # [most, K]
     rank = torch.arange(1, len(table) + 1, device=means.device)[:, None]
@@ -104,7 +98,7 @@ def continue_means(means: Tensor, seen: Tensor, values: Tensor, counts: Tensor) 
 
 
 def _unfinished(memory: EpisodicMemory, frame: int) -> list[Visit]:
-    """Return the latest episode's visits whose continuation is still to be seen."""
+    """Return the latest episode's visits that may still continue."""
     visits = memory.visits
     latest = visits.live("episode") == len(memory.episodes) - 1
     since = frame - visits.live("last")
@@ -147,7 +141,7 @@ def _append(memory: EpisodicMemory, visits: list[Visit], samples: Samples, first
 def _update_continuations(
     memory: EpisodicMemory, visits: list[Visit], cues: Tensor, first: int
 ) -> None:
-    """Keep where visits end so far, and the latest percept that counts as what came after."""
+    """Update the last sample of visits, and the continuation of their schemas."""
     if not visits:
         return
     latest = [visit.last + memory.config.lookahead_samples - first for visit in visits]

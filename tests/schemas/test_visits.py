@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from pacnet import NO_NODE, CompetingSchemas, CompetingSchemasConfig
-from pacnet.schemas.records import Samples
+from pacnet.schemas.interface import Samples
 from pacnet.schemas.visits import Visit, assign_samples, continue_means
 
 TARGETS, PERCEPTS, NODES, CONTINUATION = 2, 3, 5, 4
