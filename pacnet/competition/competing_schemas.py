@@ -21,9 +21,9 @@ from pacnet.competition.timeline import Timeline, build_timeline
 from pacnet.core.drafts import adopt, draft_of, snapshot_of
 from pacnet.core.growable_rows import as_array
 from pacnet.core.old_names import old_names
-from pacnet.core.validation import as_batch, check_index, is_integer, is_number
+from pacnet.core.validation import as_batch, check_index, is_number
 from pacnet.schemas.consolidation import consolidate
-from pacnet.schemas.interface import Samples, Target
+from pacnet.schemas.interface import Samples, Target, check_episode
 from pacnet.schemas.memory import EpisodicMemory
 from pacnet.schemas.sequences import compact
 from pacnet.schemas.visits import add_samples
@@ -90,10 +90,7 @@ class CompetingSchemas(EpisodicMemory):
                 another one than that of the episode that continues; nothing has changed.
         """
         last = int(self.episodes.live("number")[-1]) if len(self.episodes) else 0
-        if not is_integer(number, last) or number >= 2**63:
-            raise ValueError(f"expected an episode's number as an int ≥ {last}, got {number!r}")
-        if not isinstance(behaviour, str):
-            raise ValueError(f"expected behaviour as a str, got {type(behaviour).__name__}")
+        number = check_episode(number, behaviour, last)
         if not self.training:
             return
         draft = draft_of(self)

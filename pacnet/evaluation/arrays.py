@@ -10,12 +10,12 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | str, ...]) -> N
     """Return a finite float64 copy of `value`.
 
     Args:
-        name: What it is, for the error message.
-        value: Integers or floats.
-        shape: Length along each axis; a letter stands for any length.
+        name: what it is, for the error message.
+        value: integers or floats.
+        shape: length along each axis; a letter stands for any length.
 
     Raises:
-        ValueError: Other types, another shape, NaN or infinity.
+        ValueError: other types, another shape, NaN or infinity.
     """
     array = np.asarray(value)
     fits = array.ndim == len(shape) and all(
@@ -34,7 +34,7 @@ def integer_series(name: str, value: ArrayLike) -> NDArray[np.int64]:
     """Return `value` as int64 `[T]`; T may be 0.
 
     Raises:
-        ValueError: Anything but integers `[T]`.
+        ValueError: anything but integers `[T]`.
     """
     array = np.asarray(value)
     if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):

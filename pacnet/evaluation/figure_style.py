@@ -41,11 +41,11 @@ def component_axes(title: str, variance_ratio: ArrayLike) -> tuple[Figure, Axes]
     """Return a figure of two principal components, with one scale on both axes.
 
     Args:
-        title: Of the figure.
-        variance_ratio: Share of the variance on each component, two or more.
+        title: of the figure.
+        variance_ratio: share of the variance on each component, two or more.
 
     Raises:
-        ValueError: Fewer than two shares, or not finite.
+        ValueError: fewer than two shares, or not finite.
     """
     shares = finite_array("variance_ratio", variance_ratio, ("D",))
     if len(shares) < 2:

@@ -29,12 +29,12 @@ def percepts_on_components(
     """Draw percepts on their two principal components, coloured by time (Figures 6a, 9a).
 
     Args:
-        percepts: Projected percepts `[T, 2]`.
-        times: Time of each within its episode `[T]` [s].
-        variance_ratio: Share of the variance on each component, two or more.
+        percepts: projected percepts `[T, 2]`.
+        times: time of each within its episode `[T]` [s].
+        variance_ratio: share of the variance on each component, two or more.
 
     Raises:
-        ValueError: Arrays of other shapes, or not finite.
+        ValueError: arrays of other shapes, or not finite.
     """
     points = finite_array("percepts", percepts, ("T", 2))
     seconds = finite_array("times", times, (len(points),))
@@ -51,13 +51,13 @@ def map_on_components(
     """Draw the map on the percepts' two principal components (Figures 6b, 9b).
 
     Args:
-        nodes: Projected nodes `[N, 2]`, numbered by their row; N may be 0.
-        edges: The two nodes that each edge joins `[E, 2]`.
-        percepts: Projected percepts, drawn faintly behind `[T, 2]`.
-        variance_ratio: Share of the variance on each component, two or more.
+        nodes: projected nodes `[N, 2]`, numbered by their row; N may be 0.
+        edges: the two nodes that each edge joins `[E, 2]`.
+        percepts: projected percepts, drawn faintly behind `[T, 2]`.
+        variance_ratio: share of the variance on each component, two or more.
 
     Raises:
-        ValueError: Arrays of other shapes, not finite, or an edge to a node that does not exist.
+        ValueError: arrays of other shapes, not finite, or an edge to a node that does not exist.
     """
     places = finite_array("nodes", nodes, ("N", 2))
     joined = edge_ends(edges, len(places))
@@ -80,12 +80,12 @@ def winners_over_time(
     there is one; a sequence of actions then climbs like a staircase.
 
     Args:
-        winners: Node that wins each sample, negative for no match `[T]`.
-        timestep: Time from one sample to the next [s].
-        demonstration: The same for a demonstration, drawn beside it `[S]`.
+        winners: node that wins each sample, negative for no match `[T]`.
+        timestep: time from one sample to the next [s].
+        demonstration: the same for a demonstration, drawn beside it `[S]`.
 
     Raises:
-        ValueError: Winners that are not integers `[T]`, or a timestep that is not positive.
+        ValueError: winners that are not integers `[T]`, or a timestep that is not positive.
     """
     if not timestep > 0:
         raise ValueError(f"expected timestep > 0 [s], got {timestep}")

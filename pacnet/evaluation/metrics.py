@@ -35,14 +35,14 @@ def area_between_curves(path_a: ArrayLike, path_b: ArrayLike) -> float:
     measures it.
 
     Args:
-        path_a: Points `[T, 2 or 3]` [m].
-        path_b: Points of the same instants, in the same frame `[T, 2 or 3]` [m].
+        path_a: points `[T, 2 or 3]` [m].
+        path_b: points of the same instants, in the same frame `[T, 2 or 3]` [m].
 
     Returns:
         The area [m^2]; 0 for a single instant.
 
     Raises:
-        ValueError: Paths that are not finite numbers, of different shapes, empty, or not 2-D or
+        ValueError: paths that are not finite numbers, of different shapes, empty, or not 2-D or
             3-D.
     """
     a, b = _pair(path_a, path_b)
@@ -58,11 +58,11 @@ def path_distances(path_a: ArrayLike, path_b: ArrayLike) -> PathDistances:
     """Return the mean and the maximum distance between the points of the same instant.
 
     Args:
-        path_a: Points `[T, D]` [m].
-        path_b: Points of the same instants, in the same frame `[T, D]` [m].
+        path_a: points `[T, D]` [m].
+        path_b: points of the same instants, in the same frame `[T, D]` [m].
 
     Raises:
-        ValueError: Paths that are not finite numbers, of different shapes, or empty.
+        ValueError: paths that are not finite numbers, of different shapes, or empty.
     """
     a, b = _pair(path_a, path_b)
     distances = np.linalg.norm(a - b, axis=1)  # [T]

@@ -15,11 +15,11 @@ class PrincipalComponents:
     """Orthogonal directions of largest variance, by singular value decomposition in float64.
 
     Attributes:
-        mean: Mean of the scaled percepts `[D]`.
-        scale: Factor by which each dimension is multiplied first `[D]` [1/unit of that dimension].
-        components: Directions of length 1, the largest variance first `[D, D]`. The largest loading
+        mean: mean of the scaled percepts `[D]`.
+        scale: factor by which each dimension is multiplied first `[D]` [1/unit of that dimension].
+        components: directions of length 1, the largest variance first `[D, D]`. The largest loading
             of each (the first of equals) is positive, so that a refit is not mirrored.
-        explained_variance_ratio: Share of the variance along each direction `[D]`; zeros if the
+        explained_variance_ratio: share of the variance along each direction `[D]`; zeros if the
             percepts do not vary.
     """
 
@@ -33,11 +33,11 @@ class PrincipalComponents:
         """Fit the principal components of percepts.
 
         Args:
-            percepts: To fit `[T ≥ 1, D ≥ 2]`.
-            scale: Positive factor on each dimension `[D]`, such as the map's; default ones.
+            percepts: to fit `[T ≥ 1, D ≥ 2]`.
+            scale: positive factor on each dimension `[D]`, such as the map's; default ones.
 
         Raises:
-            ValueError: Percepts or a scale of another shape, not finite, or a scale that is not
+            ValueError: percepts or a scale of another shape, not finite, or a scale that is not
                 positive.
         """
         samples = finite_array("percepts", percepts, ("T", "D"))
@@ -65,13 +65,13 @@ class PrincipalComponents:
         """Return the coordinates of percepts, or of a map's nodes, on the first two components.
 
         Args:
-            percepts: In the units of those fitted, not scaled `[T, D]`; T may be 0.
+            percepts: in the units of those fitted, not scaled `[T, D]`; T may be 0.
 
         Returns:
             Coordinates `[T, 2]`.
 
         Raises:
-            ValueError: Percepts that are not finite numbers `[T, D]`.
+            ValueError: percepts that are not finite numbers `[T, D]`.
         """
         samples = finite_array("percepts", percepts, ("T", len(self.mean)))
         return (samples * self.scale - self.mean) @ self.components[:2].T
@@ -80,7 +80,7 @@ class PrincipalComponents:
         """Return the share of the variance on the first `k` components, from 0 to 1.
 
         Raises:
-            ValueError: A `k` outside 1 to D.
+            ValueError: a `k` outside 1 to D.
         """
         if not 1 <= k <= len(self.mean):
             raise ValueError(f"expected k from 1 to {len(self.mean)}, got {k}")

@@ -51,15 +51,15 @@ def recognition_over_time(
     probable behaviour at that time. Novel stretches are shaded.
 
     Args:
-        recognition: Of the episode's T samples, from its start.
-        behaviours: Title of each known behaviour `[B]`.
-        threshold: Novelty above which a sample is novel.
-        timestep: Time from one sample to the next [s].
-        title: Of the figure.
-        acts: Whether the robot would act `[T]`, to mark where it would hold.
+        recognition: of the episode's T samples, from its start.
+        behaviours: title of each known behaviour `[B]`.
+        threshold: novelty above which a sample is novel.
+        timestep: time from one sample to the next [s].
+        title: of the figure.
+        acts: whether the robot would act `[T]`, to mark where it would hold.
 
     Raises:
-        ValueError: Not one title for each behaviour, or a timestep that is not positive.
+        ValueError: not one title for each behaviour, or a timestep that is not positive.
     """
     known = recognition.probability.shape[1]
     if len(behaviours) != known:

@@ -42,8 +42,8 @@ def column_names(behaviours: Sequence[str], percept: Sequence[str]) -> dict[str,
     """Return the extra columns of a dataset: column -> the names of its dimensions.
 
     Args:
-        behaviours: Name of each behaviour that the network knows.
-        percept: Name of each dimension of a percept.
+        behaviours: name of each behaviour that the network knows.
+        percept: name of each dimension of a percept.
     """
     scalars = ("progress", "novelty", "is_novel", "winner")
     return {

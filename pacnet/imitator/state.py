@@ -56,7 +56,7 @@ class ImitatorSnapshot(NamedTuple):
         return cls(network, snapshot_of(detector), cues, as_array(network.sofm.scale))
 
     def is_of(self, network: Snapshot, detector: NoveltyDetector) -> bool:
-        """Whether these have not changed since."""
+        """Return whether these have not changed since."""
         typical = detector.typical_deviation
         return self.network is network and self.detector.typical_deviation is typical
 

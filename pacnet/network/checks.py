@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from torch import Tensor
 
 from pacnet.attention.sofm import HabituatingSOFM
-from pacnet.core.growable_rows import check_storage
-from pacnet.core.validation import check_bounded, check_index, check_rows, check_same_length
+from pacnet.core.validation import check_bounded, check_rows, check_same_length
 from pacnet.forward_models.protocol import ForwardModel
 from pacnet.network.config import PACNetConfig
 from pacnet.schemas.interface import Schemas
@@ -22,14 +21,6 @@ def check_model_type(model: object) -> None:
     if model is not None and not isinstance(model, ForwardModel):
         got = type(model).__name__
         raise ValueError(f"expected forward_model as a ForwardModel or None, got {got}")
-
-
-def check_episode(episode: object, last: Tensor) -> int:
-    """Return an episode's number, or raise a ValueError; the last one's may come again."""
-    number = check_index("an episode", episode, 2**63)
-    if number < int(check_storage("episode", last)):
-        raise ValueError(f"expected an episode ≥ {int(last)}, the last one observed, got {number}")
-    return number
 
 
 def check_pair(

@@ -1,4 +1,7 @@
-"""The whole: a percept wins a node, its motor schema gives a target, a forward model an action.
+"""The whole network, from percept to action.
+
+A percept wins a node of the map, the node's motor schemas compete, the winning one gives a target,
+and a forward model gives the action that leads there.
 
 Source: Maistros, Marom & Hayes (2001), section "The Integrated System", Figure 4.
 """
@@ -14,15 +17,15 @@ from torch import Tensor
 
 from pacnet.attention.records import NO_NODE, Attention, MapUpdate, Observation, ignored
 from pacnet.competition.recognition import Recognition
-from pacnet.core.growable_rows import as_array
+from pacnet.core.growable_rows import as_array, check_storage
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.validation import as_batch
 from pacnet.forward_models.protocol import OneStateForwardModel
-from pacnet.network.checks import check_episode, check_pair, check_states
+from pacnet.network.checks import check_pair, check_states
 from pacnet.network.records import Decision
 from pacnet.network.snapshot import Snapshot, check_nodes
 from pacnet.network.state import NetworkState
-from pacnet.schemas.interface import NO_EPISODE, Samples
+from pacnet.schemas.interface import NO_EPISODE, Samples, check_episode
 
 
 class PACNet(NetworkState):
@@ -30,17 +33,16 @@ class PACNet(NetworkState):
 
     `recall` gives the motor targets that go with a percept; `act` also turns them into actions.
 
-    One thread may recall and act while another learns: it works on what was known before a call of
-    `attend` or `observe`, or on all that is known after it. A refused call or a Ctrl-C leaves what
-    was known before.
+    One thread may recall and act while another learns: it works on the state before a call of
+    `attend` or `observe`, or on the state after it. A refused call or a Ctrl-C changes nothing.
 
     Args:
         config: see `PACNetConfig`.
         forward_model: turns targets into actions: a `PIDController`, an `MLPForwardModel`, a
-            `TransitionMatrix`, or any other `ForwardModel`. It belongs to the body and not to what
-            was watched, so checkpoints of the network leave it out.
-        engine: as of `HabituatingSOFM`, for the map. Recall runs compiled on the CPU, wherever the
-            network is.
+            `TransitionMatrix`, or any other `ForwardModel`. It depends on the body and not on the
+            demonstrations, so checkpoints of the network do not contain it.
+        engine: as of `HabituatingSOFM`, for the map. Recall runs compiled, on the CPU, on any
+            device.
 
     Raises:
         ValueError: a forward model that is not a `ForwardModel`, or no such engine.
@@ -74,8 +76,7 @@ class PACNet(NetworkState):
         Raises:
             ValueError: wrong shape, dtype or device, empty, or not finite.
         """
-        percepts = self.sofm.normalize(percepts).detach()
-        return self._learn(percepts)
+        return self._learn(self.sofm.normalize(percepts).detach())
 
     @torch.no_grad()
     def observe(
@@ -91,25 +92,25 @@ class PACNet(NetworkState):
             targets: `[T, A]`, the target that goes with each percept.
             episode: number of the learning episode, ≥ 0. The last one's number continues it; a
                 larger one starts a new episode.
-            behaviour: what is shown, in words, for `recognise` to name; with one schema per node,
-                names are not kept.
+            behaviour: name of what is shown, for `recognise`; with one schema per node, names are
+                not kept.
 
         Raises:
             ValueError: wrong shape, dtype or device, empty, not finite, unequal lengths, an episode
                 before the last one, or one that continues with another behaviour; nothing has been
                 learned then.
         """
-        episode = check_episode(episode, self.episode)
+        last = int(check_storage("episode", self.episode))
+        episode = check_episode(episode, behaviour, last)
         percepts, targets = check_pair(self.sofm, self.schemas, percepts, targets)
-        if not isinstance(behaviour, str):
-            raise ValueError(f"expected behaviour as a str, got {type(behaviour).__name__}")
         return self._learn(percepts.detach(), targets.detach(), episode, behaviour)
 
-    def _learn(self, percepts: Tensor, *lesson: Any) -> Observation:
+    def _learn(self, percepts: Tensor, *demonstration: Any) -> Observation:
+        """Learn on a draft what `update` takes, then adopt it; in eval mode only read the map."""
         if not self.training:
             return ignored(self.sofm.read(percepts))
         with self.learning() as draft:
-            observation = draft.update(percepts, *lesson)
+            observation = draft.update(percepts, *demonstration)
             with defer_sigint(), self.changing:
                 self.adopt(draft)
         return observation
@@ -121,17 +122,15 @@ class PACNet(NetworkState):
         episode: int = NO_EPISODE,
         behaviour: str = "",
     ) -> Observation:
-        """`observe` on a draft, in place, of checked and normalized percepts.
-
-        Without targets it is `attend`.
-        """
+        """Learn checked and normalized percepts in place, on a draft; without targets, `attend`."""
         check_nodes(self.sofm, self.schemas)
         self.schemas.check()
         cues = self.schemas.pool.live("cue")
         if percepts.dtype != cues.dtype:
             raise ValueError(f"expected schemas in {percepts.dtype}, as the map, got {cues.dtype}")
         if targets is not None:
-            check_episode(episode, self.episode)  # again: another thread may have learned one since
+            # Again, because another thread may have learned an episode since.
+            check_episode(episode, behaviour, int(self.episode))
             self.schemas.begin_episode(episode, behaviour)
             self.episode.fill_(episode)
         update = self.sofm.update(percepts)
@@ -141,14 +140,7 @@ class PACNet(NetworkState):
     def _update_schemas(
         self, update: MapUpdate, percepts: Tensor, targets: Tensor | None, episode: int
     ) -> None:
-        """Give the motor schemas the map's new nodes and samples, and delete those of nodes gone.
-
-        Args:
-            update: what the map did.
-            percepts: `[T, D]`, normalized.
-            targets: `[T, A]`; None where none are kept.
-            episode: number of the learning episode.
-        """
+        """Add the map's new nodes and habituated samples, and delete schemas of deleted nodes."""
         observed = update.observation
         for part, gone in update.between_deletions():
             for _ in range(int(observed.inserted[part].sum())):
@@ -179,7 +171,7 @@ class PACNet(NetworkState):
 
         Raises:
             ValueError: percepts of the wrong shape, dtype or device, empty, or not finite; the
-                recall episode is where it was then.
+                recall episode is unchanged then.
         """
         percepts, now = self.sofm.normalize(percepts), self.snapshot()
         attention = now.sofm.read(percepts)
@@ -225,9 +217,9 @@ class PACNet(NetworkState):
         percept: NDArray[np.float32] | Tensor,
         state: NDArray[np.float32] | Tensor | None = None,
     ) -> Decision:
-        """`act`, or without a forward model `recall`, for one percept of a control loop.
+        """Do what `act` does, or `recall` without a forward model, for one percept.
 
-        It takes microseconds. Nothing is learned, in either mode.
+        It takes microseconds, for a control loop. Nothing is learned, in either mode.
 
         Args:
             percept: `[D]`, an array or tensor of the network's dtype; arrays are on the CPU.
@@ -236,7 +228,7 @@ class PACNet(NetworkState):
                 itself if left out.
 
         Raises:
-            ValueError: as `act`; if it is the percept, the recall episode is where it was then.
+            ValueError: as `act`; after a bad percept the recall episode is unchanged.
         """
         return self.step_on(self.snapshot(), percept, state)
 
@@ -246,7 +238,7 @@ class PACNet(NetworkState):
         percept: NDArray[np.float32] | Tensor,
         state: NDArray[np.float32] | Tensor | None,
     ) -> Decision:
-        """`step` in the recall episode of a snapshot."""
+        """Do what `step` does, in the recall episode of a snapshot."""
         seen, normalized = now.sofm.read_one(percept)
         winner = NO_NODE if seen.novelty else seen.winner
         recalled = now.schemas.recall_one(winner, normalized)
@@ -274,7 +266,7 @@ class PACNet(NetworkState):
 
     @torch.no_grad()
     def recognise(self, percepts: Tensor) -> Recognition:
-        """Say what is being done, without acting; continues from the last call.
+        """Recognize the observed behaviour, without acting; continues from the last call.
 
         `reset` starts a new episode. A recall episode about the same percepts is not affected.
 

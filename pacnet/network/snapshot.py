@@ -1,8 +1,4 @@
-"""What a network acts on: all that it had learned at one moment.
-
-A thread may ask for actions while another one learns. What is learned replaces what was known all
-at once. A snapshot keeps what was known, to the byte, until then.
-"""
+"""Snapshots of a network, for a thread that acts while another one learns."""
 
 from __future__ import annotations
 

@@ -165,7 +165,7 @@ class _Comparison:
 
 
 def _is_not_worse(known: _Comparison) -> bool:
-    """Whether an episode may renew the schemas it shares."""
+    """Return whether an episode may renew the schemas it shares."""
     matches = {new: known.match(new, set()) for new in known.new}
     shared = {new: old for new, old in matches.items() if old is not None}
     targets = sum(known.lengths[new] for new in shared)

@@ -80,7 +80,7 @@ class Schemas(Sequences, ABC):
 
     @abstractmethod
     def recall_one(self, node: int, percept: NDArray[np.floating]) -> Target | None:
-        """`recall` without checks: arrays in, arrays out."""
+        """Do the same as `recall`, with arrays and without checks."""
 
     @abstractmethod
     def reset(self) -> None:
@@ -88,9 +88,9 @@ class Schemas(Sequences, ABC):
 
     @abstractmethod
     def for_recall(self: _Own) -> _Own:
-        """Return a module that shares these tensors, for a recall episode of its own pace.
+        """Return a module that shares these tensors, for a recall episode of its own.
 
-        It keeps them when these schemas learn on and get others.
+        It keeps them when these schemas learn more and get others.
         """
 
     @abstractmethod
@@ -122,7 +122,7 @@ class Schemas(Sequences, ABC):
 
     @torch.no_grad()
     def recall_samples(self, nodes: Tensor, percepts: Tensor) -> Target:
-        """`recall` at T samples, in order of time.
+        """Return the targets of T winners, in order of time; see `recall`.
 
         Args:
             nodes: winners or `NO_NODE`, int64 `[T]`.
@@ -149,7 +149,7 @@ class Schemas(Sequences, ABC):
         )
 
     def recall_all(self, nodes: NDArray[np.int64], percepts: NDArray[np.floating]) -> Target:
-        """`recall_samples` without checks: arrays in, arrays out."""
+        """Do the same as `recall_samples`, with arrays and without checks."""
         targets = np.full((len(nodes), self.pool.live("target").shape[1]), np.nan, percepts.dtype)
         offsets, schemas = np.full((2, len(nodes)), NO_NODE)
         for sample, node in enumerate(nodes.tolist()):
@@ -164,3 +164,13 @@ class Schemas(Sequences, ABC):
         check_bounded("percepts", percepts, cues.shape[1], cues)
         for node in nodes:
             check_index("a node", node, len(self), optional=True)
+
+
+def check_episode(episode: object, behaviour: object, last: int) -> int:
+    """Return an episode's number, or raise a ValueError; the last one's number continues it."""
+    number = check_index("an episode", episode, 2**63)
+    if number < last:
+        raise ValueError(f"expected an episode ≥ {last}, the last one observed, got {number}")
+    if not isinstance(behaviour, str):
+        raise ValueError(f"expected behaviour as a str, got {type(behaviour).__name__}")
+    return number

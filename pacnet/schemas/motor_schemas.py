@@ -139,7 +139,7 @@ class MotorSchemas(Schemas):
 
     @torch.no_grad()
     def add_samples(self, samples: Samples, episode: int) -> None:
-        """`write` for checked samples; nothing in eval mode."""
+        """Do what `write` does, for checked samples; in eval mode, nothing."""
         # Rule 1: the winner is not fully habituated. Its schema stays as it is.
         written = (samples.habituated & self.training).nonzero().flatten()
         written = written[samples.node[written].argsort(stable=True)]

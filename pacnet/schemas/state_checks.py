@@ -79,13 +79,13 @@ def episodes_hold(tensors: Tensors) -> Checks:
 
 
 def _frames_hold(blocks: Tensors, frame: Tensor, samples: Tensor) -> bool:
-    """Whether each row of the pool is a sample of the episode that its sequence is from."""
+    """Return whether each row of the pool is a sample of the episode that its sequence is from."""
     ends = samples[blocks["shown_in"]].repeat_interleave(blocks["length"])
     return bool(((frame >= 0) & (frame < ends)).all())
 
 
 def _were_shown(blocks: Tensors, visits: Tensors, frame: Tensor) -> bool:
-    """Whether some visit of each schema is that of its sequence."""
+    """Return whether some visit of each schema is that of its sequence."""
     schema, start = visits["schema"], blocks["start"]
     end = start + blocks["length"] - 1
     own = (visits["episode"] == blocks["shown_in"][schema]) & (

@@ -39,7 +39,7 @@ class Actor:
         self.reset()
 
     def is_of(self, imitator: Imitator) -> bool:
-        """Whether its copy is of this imitator, which has learned nothing since."""
+        """Return whether its copy is of this imitator, which has learned nothing since."""
         return self._original is imitator and len(self.imitator.reports) == len(imitator.reports)
 
     def reset(self) -> None:

@@ -30,7 +30,7 @@ class Frames:
         self._count = 0
 
     def __len__(self) -> int:
-        """The number of different frames added."""
+        """Return the number of different frames added."""
         return self._count
 
     @property

@@ -97,7 +97,7 @@ class PACNetPolicy(PreTrainedPolicy):
         return novelty + 0 * self.anchor.sum(), {"nodes": float(nodes)}
 
     def train(self, mode: bool = True) -> PACNetPolicy:
-        """Before evaluation, learn all frames added so far."""
+        """Set the mode; before evaluation, learn all frames added so far."""
         if not mode:
             self._consolidate()
         super().train(mode)
