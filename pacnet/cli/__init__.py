@@ -28,13 +28,10 @@ Datasets are LeRobot datasets (format v3.0) on disk. `pacnet COMMAND --help` des
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; on wrong usage argparse exits with 2.
+    """Run one command and return the exit code; on wrong usage argparse exits with 2.
 
     Args:
         argv: the arguments; None for those of the process.
-
-    Returns:
-        The exit code.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # for terminals that lack a character

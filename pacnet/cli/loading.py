@@ -1,4 +1,4 @@
-"""What the commands read: imitators, and datasets for one of them."""
+"""Loading of imitators, and of datasets for them."""
 
 from __future__ import annotations
 

@@ -14,12 +14,7 @@ _WIDEST = 40  # characters of a cell
 
 
 def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print rows under their heads.
-
-    Args:
-        heads: of the columns; those that start with "<" are aligned left, the others right.
-        rows: cells of each row.
-    """
+    """Print rows under their heads; columns whose head starts with "<" are aligned left."""
     columns = [
         [head.removeprefix("<"), *_shortened(cells)]
         for head, *cells in zip(heads, *rows, strict=True)
@@ -47,16 +42,7 @@ def print_json(document: Any) -> None:
 
 @contextmanager
 def progress_bar(doing: str, total: int, unit: str = "frame") -> Iterator[Callable[[int], object]]:
-    """Show progress on stderr, if that is a terminal.
-
-    Args:
-        doing: what is being done, one word.
-        total: number of units to do.
-        unit: name of a unit.
-
-    Yields:
-        A function to call with the number of further units done.
-    """
+    """Show progress on stderr, if that is a terminal; yield a function to call with units done."""
     from tqdm import tqdm
 
     with tqdm(total=total, desc=doing, unit=unit, disable=None, leave=False) as bar:

@@ -1,4 +1,4 @@
-"""Run an imitator over recorded episodes: what it recognises, what is novel, where it would act."""
+"""Run an imitator over recorded episodes: recognition, novelty, and where it would act."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class Reason(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ReplayedEpisode:
-    """What an imitator made of an episode of T frames.
+    """The result of an imitator's run over an episode of T frames.
 
     Attributes:
-        watched: what was recognised; its novelty is the imitator's, over the threshold.
+        recognized: the episode and its recognition, with the imitator's novelty.
         dimension: for each frame, the name of the dimension with the largest novelty.
         acts: whether it would have acted, bool `[T]`.
         reasons: for each frame, why it would have acted or held.

@@ -1,8 +1,8 @@
-"""Which known episode is being watched, and how far it is: a forward filter over all of them.
+"""Belief: which known episode is observed, and how far it is, by the forward algorithm of an HMM.
 
-The forward algorithm of a hidden Markov model. Its states are those of all known episodes
-(`pacnet.competition.timeline`). At each sample the belief moves along the chains at the pace at
-which they were shown, and is then weighted by how well each state fits the percept.
+The states are those of all known episodes (`pacnet.competition.timeline`). At each sample the
+belief moves along the chains at the pace of the demonstrations, and is then weighted by the
+likelihood of the percept in each state.
 """
 
 from __future__ import annotations
@@ -90,14 +90,7 @@ class Belief:
         return self._predicted
 
     def update(self, distances: NDArray[np.floating]) -> None:
-        """Weight the belief by one percept.
-
-        Args:
-            distances: of the percept from the cue of every row of the pool, `[R]`.
-
-        Raises:
-            ValueError: fewer than there are rows on the timeline.
-        """
+        """Update the belief with one percept, given its distances from all cues `[R]`."""
         from pacnet.competition import kernels  # imports numba
 
         start, config = self.timeline.start, self.config

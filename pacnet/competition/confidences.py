@@ -23,9 +23,6 @@ class SchemaConfidences:
         ids: of these schemas, int64 `[K ≥ 1]`.
         timeline: of the known episodes.
         reach: distance from its nearest cue beyond which a schema does not compete.
-
-    Attributes:
-        ids: of the schemas.
     """
 
     def __init__(
@@ -67,7 +64,7 @@ class SchemaConfidences:
     def confidences(
         self, distances: NDArray[np.floating], probability: NDArray[np.float64]
     ) -> NDArray[np.floating]:
-        """Return the probability that a visit to each is watched, times how well it fits.
+        """Return the probability of a visit to each, times its activation by the percept.
 
         Args:
             distances: of the percept from every cue of the pool, `[R]`.
@@ -75,9 +72,6 @@ class SchemaConfidences:
 
         Returns:
             `[K]`, in [0, 1], or `OUT_OF_REACH`.
-
-        Raises:
-            ValueError: fewer distances or states than there are in the memory.
         """
         from pacnet.competition import kernels  # imports numba
 

@@ -22,7 +22,7 @@ class Origin(NamedTuple):
     behaviour: str
     """What was shown in it."""
     frame: int
-    """Which of the episode's samples, from 0."""
+    """Index of the sample in its episode."""
 
 
 @old_names(position="offset")

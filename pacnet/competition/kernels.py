@@ -35,11 +35,7 @@ def predict(probability, advance, predicted):
 def weight(
     predicted, start, restart_prob, rows, distances, obs_std, outlier_likelihood, probability
 ):
-    """Write the belief `[E, P]` after a percept, from the prediction and distances `[R]`.
-
-    Returns:
-        Whether there is a distance for each row.
-    """
+    """Write the belief `[E, P]` after a percept; return whether each row has a distance `[R]`."""
     episodes, states = rows.shape
     for row in rows.flat:
         if not 0 <= row < len(distances):
@@ -62,7 +58,7 @@ def weight(
 def confidences_of(  # noqa: C901 - checks and loops, none of them deep
     probability, visits, distances, spans, reach, confidences
 ):
-    """Write the confidences `[K]` of schemas.
+    """Write the confidences `[K]` of schemas; return whether all indices are in range.
 
     Args:
         probability: of every state of every known episode, flat.
@@ -70,10 +66,7 @@ def confidences_of(  # noqa: C901 - checks and loops, none of them deep
         distances: of the percept from every row, `[R]`.
         spans: first row of each schema and the row after its last, `[K, 2]`.
         reach: distance from its nearest row beyond which a schema does not compete.
-        confidences: where to write.
-
-    Returns:
-        Whether all indices are in range.
+        confidences: the output.
     """
     for visit in range(len(visits)):
         first, last, schema = visits[visit, 0], visits[visit, 1], visits[visit, 2]

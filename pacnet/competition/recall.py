@@ -27,7 +27,7 @@ class CompetingRecall:
     """A recall episode, sample by sample.
 
     Args:
-        memory: the schemas, in a pool without gaps; they do not change any more.
+        memory: the schemas, in a pool without gaps; nothing changes them later.
         config: of recall.
         timeline: of the episodes in memory.
 

@@ -56,13 +56,8 @@ def build_timeline(memory: EpisodicMemory, n_states: int) -> Timeline:
 def make_timeline(rows: Tensor, episode: Tensor, samples: Tensor, behaviour: Tensor) -> Timeline:
     """Return a timeline in which all behaviours are equally likely.
 
-    Half of the prior lies on the first states, half on all states.
-
-    Args:
-        rows: `[E, P]` as in `Timeline`.
-        episode: `[E]` as in `Timeline`.
-        samples: length of each episode, int64 `[E]`.
-        behaviour: of each episode, int64 `[E]`.
+    Half of the prior lies on the first states, half on all states. `rows` and `episode` are those
+    of `Timeline`; `samples` are the lengths of the episodes, `behaviour` their behaviours, `[E]`.
     """
     episodes, states = rows.shape
     rate = states / samples.double()  # [E] states per sample
@@ -79,12 +74,7 @@ def make_timeline(rows: Tensor, episode: Tensor, samples: Tensor, behaviour: Ten
 
 
 def shown_samples(memory: EpisodicMemory) -> tuple[Tensor, Tensor, Tensor]:
-    """Return every sample of every visit, visit by visit.
-
-    Returns:
-        Row of its visit, int64 `[S]`; its time in the episode [samples], `[S]`; its row of the
-        pool, int64 `[S]`.
-    """
+    """Return, of each sample of each visit: the visit's row, its time [samples], its pool row."""
     visits = memory.visits
     schema = visits.live("schema")
     lengths, starts = memory.lengths[schema], memory.blocks.live("start")[schema]

@@ -1,7 +1,7 @@
 """Settings of an imitator, chosen from the demonstrations it is to learn.
 
-The thresholds are those of Experiment 1. They fit other percepts because `noise_scaling` gives all
-percepts about the same spread; what was a number of samples there is a time here.
+The thresholds are those of Experiment 1. They suit other percepts because `noise_scaling` gives all
+percepts about the same spread. Numbers of samples there are times here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What must hold of demonstrations before an imitator learns the first of them."""
+"""Checks of demonstrations, before an imitator learns the first of them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,7 @@ _LIKE = torch.empty(0)  # float32 on the CPU, as all of a demonstration's tensor
 def check_demonstrations(
     demonstrations: object, config: ImitatorConfig, sofm: HabituatingSOFM
 ) -> None:
-    """Check that demonstrations suit an imitator.
-
-    Raises:
-        ValueError: other features or another rate than the config's, or a demonstration that
-            cannot be learned.
-    """
+    """Raise a ValueError unless an imitator can learn all of these demonstrations."""
     if not isinstance(demonstrations, Demonstrations):
         raise ValueError(f"expected Demonstrations, got {type(demonstrations).__name__}")
     if not isinstance(demonstrations.source, str):
@@ -68,7 +63,7 @@ def _check_one(shown: Demonstration, config: ImitatorConfig, sofm: HabituatingSO
             f"expected one action for each percept, got {len(shown.action)} actions, "
             f"{len(shown.state)} states and {len(shown.environment_state)} environment states"
         )
-    sofm.normalize(shown.percepts)  # which refuses percepts that are too large
+    sofm.normalize(shown.percepts)  # refuses percepts that are too large
 
 
 def _listed(names: Sequence[str] | None) -> str:

@@ -42,8 +42,8 @@ class Imitator(ImitatorState):
     `from_demonstrations` makes one. Percepts unlike the training data are flagged as novel and get
     no action.
 
-    One thread may `step` while another learns: it acts on what was known before a demonstration, or
-    on all that is known after it.
+    One thread may `step` while another learns: it acts on the state before a demonstration, or on
+    the state after it.
 
     Args:
         config: see `ImitatorConfig`.
@@ -113,8 +113,8 @@ class Imitator(ImitatorState):
         Args:
             demonstrations: of the same features and rate as all before.
             progress: called after each demonstration with the number of its frames.
-            corrections: whether they show what to do where something was new. Then thresholds of
-                novelty and the mean first action stay as they are, however many there are.
+            corrections: whether they show what to do where percepts were novel. Then the novelty
+                thresholds and the mean first action stay the same, however many there are.
 
         Returns:
             A report for each demonstration; none in eval mode.
@@ -143,7 +143,7 @@ class Imitator(ImitatorState):
         return reports
 
     def step(self, percept: NDArray[np.float32] | Tensor) -> ImitatorStep:
-        """Return what to do at one percept, going on from the last call; nothing is learned.
+        """Return the action at one percept, continuing from the last call; nothing is learned.
 
         Args:
             percept: `[D]`, an array or a tensor on the CPU, float32.

@@ -32,7 +32,7 @@ class EpisodeReport(NamedTuple):
     max_novelty: float | None
     """Its largest novelty before it was learned, as in `ImitatorStep`; None for the first."""
     correction: bool = False
-    """Whether it showed what to do where something was new."""
+    """Whether it showed what to do where percepts were novel."""
 
 
 @old_names(tolerated="threshold")

@@ -1,4 +1,4 @@
-"""What an imitator has learned, as one state: replaced all at once, read meanwhile, and saved."""
+"""The state of an imitator: learning replaces it all at once, while other threads read it."""
 
 from __future__ import annotations
 

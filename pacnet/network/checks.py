@@ -1,4 +1,4 @@
-"""Checks of what a network is given, before anything changes."""
+"""Checks of a network's arguments, before anything changes."""
 
 from __future__ import annotations
 

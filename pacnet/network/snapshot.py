@@ -27,12 +27,8 @@ class Snapshot:
     """A recall episode of a map and its motor schemas, as they are now.
 
     Args:
-        sofm: of the network.
-        schemas: of the network; they are compacted.
-
-    Attributes:
-        sofm: the map, which shares its tensors and keeps them.
-        schemas: likewise.
+        sofm: of the network; the snapshot shares its tensors and keeps them.
+        schemas: likewise; they are compacted.
 
     Raises:
         ValueError: buffers that contradict one another.
@@ -55,7 +51,7 @@ class Snapshot:
         self._configs = sofm.config, schemas.config
 
     def is_of(self, sofm: Any, schemas: Any) -> bool:
-        """Return whether these are as they were."""
+        """Return whether these have not changed since."""
         same = sofm.config is self._configs[0] and schemas.config is self._configs[1]
         return same and self._versions.unchanged()
 

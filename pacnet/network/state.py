@@ -1,4 +1,4 @@
-"""What a network has learned, as one state: replaced all at once, read meanwhile, and saved."""
+"""The state of a network: learning replaces it all at once, while other threads read it."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class NetworkState(nn.Module):
         return self._learning
 
     def adopt(self, draft: Self) -> None:
-        """Replace what is known by what a draft has learned; `changing` must be held."""
+        """Replace the state by that of a draft; `changing` must be held."""
         snapshot = None if self._snapshot is None else Snapshot(draft.sofm, draft.schemas)
         adopt(self.sofm, draft.sofm)
         adopt(self.schemas, draft.schemas)
@@ -109,7 +109,7 @@ class NetworkState(nn.Module):
         self._snapshot = snapshot
 
     def snapshot(self) -> Snapshot:
-        """Return what the recall episode works on; a new one, if what was known has changed."""
+        """Return the snapshot that the recall episode works on; a new one after learning."""
         snapshot, parts = self._snapshot, self._modules  # as attributes they take a microsecond
         if snapshot is None or not snapshot.is_of(parts["sofm"], parts["schemas"]):
             with self.changing:

@@ -59,6 +59,15 @@ class Schemas(Sequences, ABC):
     """Names of what was shown, in the order of their first time; empty where none are kept."""
 
     @abstractmethod
+    def __len__(self) -> int:
+        """Return the number of nodes."""
+
+    def extra_repr(self) -> str:
+        """Return how much is stored, for `print`."""
+        width = self.pool.columns["target"].shape[0]
+        return f"nodes={len(self)}, targets={int(self.lengths.sum())}, target_dimensions={width}"
+
+    @abstractmethod
     def add_node(self) -> int:
         """Add a node without targets and return its number."""
 

@@ -17,7 +17,7 @@ _NO_NODE = -1  # `pacnet.attention.records.NO_NODE`, as a literal so that it is 
 def recall(  # noqa: C901 - checks and loops, none of them deep
     nodes, percepts, start, length, cue, target, nearest_cues, targets, offsets
 ):
-    """Write targets `[T, A]` and offsets `[T]` of percepts `[T, D]` and their winners.
+    """Write targets `[T, A]` and offsets `[T]`; return whether all indices are in range.
 
     Args:
         nodes: the winners, or −1, `[T]`.
@@ -26,12 +26,9 @@ def recall(  # noqa: C901 - checks and loops, none of them deep
         length: number of its rows, `[N]`.
         cue: by dimension, `[D, R]`.
         target: `[R, A]`.
-        nearest_cues: over how many of the nearest cues a target is averaged.
-        targets: where to write; unchanged where there is no winner or it has no targets.
-        offsets: where to write; −1 there.
-
-    Returns:
-        Whether all indices are in range; if not, it returned early.
+        nearest_cues: number of nearest cues whose targets are averaged.
+        targets: the output; unchanged where there is no winner or it has no targets.
+        offsets: the output; −1 there.
     """
     longest = 0
     for node in nodes:

@@ -53,19 +53,10 @@ class Sequences(nn.Module):
         self.register_state_dict_pre_hook(compact)
         rename_on_load(self, OLD_TENSORS)
 
-    def __len__(self) -> int:
-        """Return the number of nodes."""
-        raise NotImplementedError
-
     @property
     def lengths(self) -> Tensor:
         """Number of targets of each sequence, int64 `[N]`."""
         return self.blocks.live("length")
-
-    def extra_repr(self) -> str:
-        """Return how much is stored, for `print`."""
-        width = self.pool.columns["target"].shape[0]
-        return f"nodes={len(self)}, targets={int(self.lengths.sum())}, target_dimensions={width}"
 
     def targets(self, sequence: int) -> Tensor:
         """Return the sequence's targets in order, `[L, A]`."""
@@ -150,22 +141,14 @@ class Sequences(nn.Module):
 
 
 def rows_of(starts: Tensor, counts: Tensor) -> Tensor:
-    """Return the row numbers of blocks, one block after the other, int64 `[sum of counts]`.
-
-    Args:
-        starts: first row of each block, int64 `[N]`.
-        counts: number of rows of each, int64 `[N]`.
-    """
-    # What lies between a row and its index in the result.
+    """Return the rows of blocks that start at `starts`, one block after the other, int64."""
+    # The difference between a row and its index in the result.
     shift = torch.repeat_interleave(starts - (counts.cumsum(0) - counts), counts)
     return torch.arange(len(shift), device=shift.device) + shift
 
 
 def compact(sequences: nn.Module, *_: object) -> None:
-    """Lay the sequences end to end in the order of their ids.
-
-    Rows of the pool get new numbers, and rows of no sequence are dropped. Where there is a gap, the
-    rows move to new memory.
+    """Lay the sequences end to end in the order of their ids, and drop rows of no sequence.
 
     Raises:
         ValueError: buffers that contradict one another.
