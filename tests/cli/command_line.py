@@ -83,7 +83,7 @@ def unannounced(error: str) -> str:
     return re.sub(r"^pacnet: compiling for this machine, once, .*\n", "", error)
 
 
-def taught(*datasets: Path) -> Imitator:
+def trained(*datasets: Path) -> Imitator:
     """The second method: the same learned in Python."""
     shown = [load_demonstrations(dataset) for dataset in datasets]
     imitator = Imitator.from_demonstrations(shown[0])

@@ -16,7 +16,7 @@ from command_line import (
     refusal,
     rows_under,
     run,
-    taught,
+    trained,
     unannounced,
     value_of,
 )
@@ -52,9 +52,9 @@ def test_fit_prints_the_share_of_each_episode_that_is_stored(
 ):
     for frames in (80, 24, 4):
         root = record(tmp_path / f"{frames}", ("drink",), 1010, frames)
-        assert run("fit", root, "--out", tmp_path / f"taught{frames}") == 0
+        assert run("fit", root, "--out", tmp_path / f"trained{frames}") == 0
         ((*_, stored, _),) = rows_under("dataset", capsys.readouterr().out)
-        schemas = Imitator.from_pretrained(tmp_path / f"taught{frames}").network.schemas
+        schemas = Imitator.from_pretrained(tmp_path / f"trained{frames}").network.schemas
         # Of one episode alone no target is merged with another's: each has a frame of its own.
         kept = {
             frame
@@ -62,13 +62,13 @@ def test_fit_prints_the_share_of_each_episode_that_is_stored(
             for frame in schemas.frames(schema).tolist()
         }
         assert stored == f"{len(kept) / frames:.1%}"
-        assert run("info", tmp_path / f"taught{frames}") == 0
+        assert run("info", tmp_path / f"trained{frames}") == 0
         assert rows_under("dataset", capsys.readouterr().out)[0][6] == stored
     assert stored == "0.0%"
 
 
 def test_fit_writes_what_python_learns(dataset: Path, imitator: Path):
-    assert_equal(Imitator.from_pretrained(imitator), taught(dataset))
+    assert_equal(Imitator.from_pretrained(imitator), trained(dataset))
 
 
 def test_fit_continues_from_a_checkpoint(
@@ -80,7 +80,7 @@ def test_fit_continues_from_a_checkpoint(
 ):
     before = (imitator / "model.safetensors").read_bytes()
     assert run("fit", other, "--from", imitator, "--out", tmp_path) == 0
-    assert_equal(Imitator.from_pretrained(tmp_path), taught(dataset, other))
+    assert_equal(Imitator.from_pretrained(tmp_path), trained(dataset, other))
     assert (imitator / "model.safetensors").read_bytes() == before
     out = capsys.readouterr().out
     assert [row[0] for row in rows_under("dataset", out)] == ["others"] * 3
@@ -111,9 +111,9 @@ def test_fit_replaces_a_checkpoint_only_when_asked(
     message = refusal(capsys, "fit", other, "--out", tmp_path / "copy", "--from", imitator)
     assert "expected a folder without a checkpoint" in message
     assert run("fit", other, "--out", tmp_path / "copy", "--from", f"{tmp_path}/copy/") == 0
-    assert_equal(Imitator.from_pretrained(tmp_path / "copy"), taught(dataset, other))
+    assert_equal(Imitator.from_pretrained(tmp_path / "copy"), trained(dataset, other))
     assert run("fit", other, "--out", tmp_path / "copy", "--overwrite") == 0
-    assert_equal(Imitator.from_pretrained(tmp_path / "copy"), taught(other))
+    assert_equal(Imitator.from_pretrained(tmp_path / "copy"), trained(other))
 
 
 def test_fit_takes_features_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -191,4 +191,4 @@ def test_thirty_thousand_frames_are_what_python_learns(tmp_path: Path):
     done = process("fit", tmp_path / "data", "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert value_of("learned", done.stdout).startswith("30 episodes, 30,000 frames in ")
-    assert_equal(Imitator.from_pretrained(tmp_path / "out"), taught(tmp_path / "data"))
+    assert_equal(Imitator.from_pretrained(tmp_path / "out"), trained(tmp_path / "data"))

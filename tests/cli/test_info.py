@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import PROJECT, STATE, SURROUNDINGS, rows_under, run, taught, value_of
+from command_line import PROJECT, STATE, SURROUNDINGS, rows_under, run, trained, value_of
 from safetensors.torch import load_file
 
 from pacnet.datasets.demonstrations import load_demonstrations
@@ -17,7 +17,7 @@ def test_info_prints_what_was_learned(
 ):
     assert run("info", imitator) == 0
     out = capsys.readouterr().out
-    known = taught(dataset)
+    known = trained(dataset)
     assert "Imitator" in value_of("checkpoint", out)
     assert value_of("percept", out) == "3 dimensions at 20 frames per second"
     assert value_of("action", out) == "right, up"
@@ -40,7 +40,7 @@ def test_info_as_json_has_the_same(
 ):
     assert run("info", imitator, "--json") == 0
     document = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    known = taught(dataset)
+    known = trained(dataset)
     assert document["kind"] == "Imitator"
     assert document["behaviours"] == ["drink", "wave"]
     assert document["action"] == ["right", "up"]

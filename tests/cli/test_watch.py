@@ -131,8 +131,8 @@ def test_watch_prints_why_it_holds_where_nothing_is_novel(
 
 def test_tasks_that_the_font_lacks_are_drawn_without_a_warning(tmp_path: Path):
     root = record(tmp_path / "shown", ("\N{CJK UNIFIED IDEOGRAPH-65E5}", "drink"), 1009)
-    assert run("fit", root, "--out", tmp_path / "taught") == 0
-    assert run("watch", tmp_path / "taught", root, "--out", tmp_path / "pictures") == 0
+    assert run("fit", root, "--out", tmp_path / "trained") == 0
+    assert run("watch", tmp_path / "trained", root, "--out", tmp_path / "pictures") == 0
     assert len(list((tmp_path / "pictures").iterdir())) == 2
 
 
@@ -188,9 +188,9 @@ def test_a_task_is_one_name_in_the_rerun_recording(
 ):
     pytest.importorskip("rerun")
     root = record(tmp_path / "shown", ("pick/place it",), 1008)
-    assert run("fit", root, "--out", tmp_path / "taught") == 0
+    assert run("fit", root, "--out", tmp_path / "trained") == 0
     capfd.readouterr()
-    assert run("watch", tmp_path / "taught", root, "--rerun", tmp_path / "seen.rrd") == 0
+    assert run("watch", tmp_path / "trained", root, "--rerun", tmp_path / "seen.rrd") == 0
     assert unannounced(capfd.readouterr().err) == ""  # where Rerun's own code would warn
     (path,) = [path for path in rerun_tables(tmp_path / "seen.rrd") if "probability" in path]
     assert path == r"/episode_000/probability/pick\/place\ it"

@@ -170,7 +170,7 @@ def test_a_part_of_a_sequence_is_alike_to_the_whole():
     assert column(schemas, "blocks", "support") == [3]
 
 
-def test_of_several_alike_the_most_alike_is_the_twin():
+def test_of_several_alike_the_most_alike_is_the_match():
     schemas = make_schemas(same_schema_similarity=0.99)  # within .01
     show(schemas, 0, 0.0)
     show(schemas, 1, 0.015)

@@ -51,7 +51,7 @@ def side_of(episode: int) -> int:
 
 
 def teach(network: PACNet, episodes: int = 4, named: bool = True, **fields: float) -> PACNet:
-    """Shows «up» and «down» in turn."""
+    """Shows "up" and "down" alternately."""
     for episode in range(episodes):
         side = side_of(episode)
         name = NAMES[episode % 2] if named else ""
@@ -60,12 +60,12 @@ def teach(network: PACNet, episodes: int = 4, named: bool = True, **fields: floa
 
 
 @functools.cache
-def taught_once() -> PACNet:
+def trained_once() -> PACNet:
     return teach(make_network())
 
 
-def make_taught() -> PACNet:
-    return copy.deepcopy(taught_once())
+def make_trained() -> PACNet:
+    return copy.deepcopy(trained_once())
 
 
 def assert_same(one: tuple, other: tuple) -> None:
@@ -88,7 +88,7 @@ def assert_same_state(one: PACNet, other: PACNet) -> None:
 @pytest.mark.parametrize("samples", [80, 120, 180])
 @pytest.mark.parametrize("side", [1, -1])
 def test_behaviour_progress_next_and_end_of_what_is_watched(side: int, samples: int):
-    network = make_taught().eval()
+    network = make_trained().eval()
     assert network.behaviours == NAMES
     percepts, _ = make_episode(side, samples, seed=side + 1)
     seen = network.recognise(percepts)
@@ -118,7 +118,7 @@ def test_an_exact_repeat_is_followed_to_the_place():
 
 
 def test_the_expected_next_percept_is_nearer_than_the_present_one():
-    network = make_taught()
+    network = make_trained()
     percepts, _ = make_episode(1, noise=0.0)
     seen, scale = network.recognise(percepts), torch.tensor(SCALE)
     # Of a movement of constant pace the next percept lies as far on as the present from the last.
@@ -130,7 +130,7 @@ def test_the_expected_next_percept_is_nearer_than_the_present_one():
 
 
 def test_what_lasts_sets_the_next_percept_off_from_the_known_ones():
-    network, shift = make_taught(), 0.15  # in scaled units
+    network, shift = make_trained(), 0.15  # in scaled units
     percepts = make_episode(1, noise=0.0)[0]
     percepts[:, 1] += shift / SCALE[1]
     off = (network.recognise(percepts).next_percept[:-1] - percepts[1:])[:, 1] * SCALE[1]
@@ -139,7 +139,7 @@ def test_what_lasts_sets_the_next_percept_off_from_the_known_ones():
 
 
 def test_before_they_part_neither_is_sure():
-    seen = make_taught().recognise(make_episode(1, seed=9)[0])
+    seen = make_trained().recognise(make_episode(1, seed=9)[0])
     assert (seen.probability[:50].amax(dim=1) < 0.9).all()
 
 
@@ -149,7 +149,7 @@ def test_every_behaviour_is_as_likely_at_first_however_often_it_was_shown():
         name = "up" if side == 1 else "down"
         network.observe(*make_episode(side, noise=0.0), episode, name)
     first = network.recognise(make_episode(1, noise=0.0)[0][:1]).probability[0]
-    assert first.tolist() == pytest.approx([0.5, 0.5], abs=0.1)  # the first episode taught less
+    assert first.tolist() == pytest.approx([0.5, 0.5], abs=0.1)  # the first episode trained less
 
 
 def test_novelty_is_the_distance_to_the_nearest_known_percept_by_hand():
@@ -174,7 +174,7 @@ def test_spare_room_is_no_known_percept():
 
 
 def test_a_behaviour_that_was_never_shown_is_novel_where_it_differs():
-    network = make_taught()
+    network = make_trained()
     percepts, _ = make_episode(1, seed=9)
     percepts[60:, 1] = 0.0  # straight on: neither up nor down
     seen = network.recognise(percepts)
@@ -183,7 +183,7 @@ def test_a_behaviour_that_was_never_shown_is_novel_where_it_differs():
 
 
 def test_after_a_change_of_behaviour_the_other_one_is_named():
-    network = make_taught()
+    network = make_trained()
     up, down = make_episode(1, seed=9)[0], make_episode(-1, seed=9)[0]
     seen = network.recognise(torch.cat([up[:90], down[90:]]))
     assert (seen.behaviour[75:90] == 0).all()
@@ -191,7 +191,7 @@ def test_after_a_change_of_behaviour_the_other_one_is_named():
 
 
 def test_a_burst_of_noise_does_not_turn_the_behaviour():
-    network = make_taught()
+    network = make_trained()
     percepts, _ = make_episode(1, seed=9)
     percepts[95:98] = 3 * torch.randn(3, 2, generator=torch.Generator().manual_seed(1))
     assert (network.recognise(percepts).behaviour[75:] == 0).all()
@@ -213,7 +213,7 @@ def test_recall_follows_the_one_that_is_shown_with_names_or_without(side: int, n
 
 
 def test_the_schema_recalled_belongs_to_the_winner_and_holds_the_target():
-    network = make_taught()
+    network = make_trained()
     recall = network.recall(make_episode(-1, seed=9)[0])
     for sample in recall.has_target.nonzero().flatten().tolist():
         schema, position = int(recall.schema[sample]), int(recall.offset[sample])
@@ -224,7 +224,7 @@ def test_the_schema_recalled_belongs_to_the_winner_and_holds_the_target():
 
 
 def test_below_the_match_threshold_nothing_is_commanded():
-    recall = make_taught().recall(torch.full((3, 2), 50.0))
+    recall = make_trained().recall(torch.full((3, 2), 50.0))
     assert not recall.has_target.any()
     assert recall.target.isnan().all()
 
@@ -251,7 +251,7 @@ def joined(parts: list[tuple]) -> tuple:
 @pytest.mark.parametrize("verb", ["recognise", "recall"])
 @pytest.mark.parametrize("chunk", [1, 50])
 def test_in_chunks_equals_at_once(verb: str, chunk: int):
-    network, percepts = make_taught(), make_episode(1, seed=9)[0]
+    network, percepts = make_trained(), make_episode(1, seed=9)[0]
     at_once = getattr(network, verb)(percepts)
     network.reset()
     parts = [getattr(network, verb)(part) for part in percepts.split(chunk)]
@@ -260,9 +260,9 @@ def test_in_chunks_equals_at_once(verb: str, chunk: int):
 
 def test_recognising_and_recalling_do_not_disturb_one_another():
     percepts = make_episode(-1, seed=9)[0]
-    alone = make_taught(), make_taught()
+    alone = make_trained(), make_trained()
     recognised, recalled = alone[0].recognise(percepts), alone[1].recall(percepts)
-    both, seen, done = make_taught(), [], []
+    both, seen, done = make_trained(), [], []
     for part in percepts.split(30):
         seen.append(both.recognise(part))
         done.append(both.recall(part))
@@ -271,7 +271,7 @@ def test_recognising_and_recalling_do_not_disturb_one_another():
 
 
 def test_reset_forgets_what_was_watched():
-    network, (up, _), (down, _) = make_taught(), make_episode(1, seed=9), make_episode(-1, seed=9)
+    network, (up, _), (down, _) = make_trained(), make_episode(1, seed=9), make_episode(-1, seed=9)
     expected = network.recognise(down), network.recall(down)
     network.reset()
     network.recognise(up)
@@ -288,19 +288,19 @@ def test_reset_forgets_what_was_watched():
 def test_a_copy_goes_on_where_the_original_is_and_then_its_own_way(
     copied: Callable[[PACNet], PACNet],
 ):
-    network = make_taught()
+    network = make_trained()
     (up, _), (down, _) = make_episode(1, seed=9), make_episode(-1, seed=9)
     network.recognise(up[:80])
     network.recall(up[:80])
-    twin, other = copied(network), copied(network)
-    twin.recognise(down)
-    twin.recall(down)
+    reference, other = copied(network), copied(network)
+    reference.recognise(down)
+    reference.recall(down)
     assert_same(network.recognise(up[80:]), other.recognise(up[80:]))
     assert_same(network.recall(up[80:]), other.recall(up[80:]))
 
 
 def test_watching_may_go_on_outside_of_inference_mode():
-    network, other, percepts = make_taught(), make_taught(), make_episode(1, seed=9)[0]
+    network, other, percepts = make_trained(), make_trained(), make_episode(1, seed=9)[0]
     with torch.inference_mode():
         network.recognise(percepts[:80])
         network.recall(percepts[:80])
@@ -311,7 +311,7 @@ def test_watching_may_go_on_outside_of_inference_mode():
 
 
 def test_saving_in_the_middle_changes_nothing(tmp_path):
-    saved, other, percepts = make_taught(), make_taught(), make_episode(1, seed=9)[0]
+    saved, other, percepts = make_trained(), make_trained(), make_episode(1, seed=9)[0]
     for network in (saved, other):
         network.recognise(percepts[:80])
         network.recall(percepts[:80])
@@ -321,7 +321,7 @@ def test_saving_in_the_middle_changes_nothing(tmp_path):
 
 
 def test_what_is_learned_in_the_middle_is_recognised_from_then_on():
-    network = make_taught()
+    network = make_trained()
     network.recognise(make_episode(1, seed=9)[0])
     percepts = torch.tensor([[20.0, 5.0]])
     assert network.recognise(percepts).is_novel.item()
@@ -332,7 +332,7 @@ def test_what_is_learned_in_the_middle_is_recognised_from_then_on():
 
 
 def test_eval_mode_learns_nothing_and_watching_changes_nothing():
-    network = make_taught().eval()
+    network = make_trained().eval()
     before = copy.deepcopy(network)
     percepts, targets = make_episode(1, noise=0.5, seed=3)
     network.observe(percepts, targets, episode=7, behaviour="new")
@@ -343,7 +343,7 @@ def test_eval_mode_learns_nothing_and_watching_changes_nothing():
 
 
 def test_in_double_precision_it_understands_the_same():
-    single, double = make_taught(), make_taught().double()
+    single, double = make_trained(), make_trained().double()
     percepts = make_episode(1, seed=9)[0]
     for one, other in zip(
         single.recognise(percepts), double.recognise(percepts.double()), strict=True
@@ -353,7 +353,7 @@ def test_in_double_precision_it_understands_the_same():
 
 
 def test_learning_and_watching_go_on_after_save_and_load(tmp_path):
-    network = make_taught()
+    network = make_trained()
     network.save_pretrained(tmp_path)
     loaded = PACNet.from_pretrained(tmp_path)
     assert loaded.config == network.config
@@ -425,7 +425,7 @@ def test_before_anything_was_learned_there_is_nothing_to_recognise():
     ],
 )
 def test_bad_percepts_are_refused_and_what_was_watched_stays(percepts: Tensor, message: str):
-    network, other = make_taught(), make_taught()
+    network, other = make_trained(), make_trained()
     up = make_episode(1, seed=9)[0]
     for one in (network, other):
         one.recognise(up[:80])
@@ -442,7 +442,7 @@ def test_bad_percepts_are_refused_and_what_was_watched_stays(percepts: Tensor, m
     ],
 )
 def test_an_episode_that_goes_on_as_another_is_refused_with_nothing_changed(behaviour, message):
-    network, other = make_taught(), make_taught()
+    network, other = make_trained(), make_trained()
     with pytest.raises(ValueError, match=message):
         network.observe(*make_episode(1), episode=3, behaviour=behaviour)
     assert_same_state(network, other)
@@ -450,7 +450,7 @@ def test_an_episode_that_goes_on_as_another_is_refused_with_nothing_changed(beha
 
 
 def test_bad_targets_neither_begin_an_episode_nor_name_a_behaviour():
-    network, other = make_taught(), make_taught()
+    network, other = make_trained(), make_trained()
     with pytest.raises(ValueError, match="finite targets"):
         network.observe(torch.zeros(1, 2), torch.tensor([[math.nan]]), episode=8, behaviour="new")
     assert_same_state(network, other)
@@ -471,7 +471,7 @@ def test_parts_that_do_not_fit_are_refused():
 
 @pytest.mark.parametrize("verb", ["begin_episode", "append_rows", "_forget_recall"])
 def test_ctrl_c_while_an_episode_is_learned_leaves_what_was_known(monkeypatch, tmp_path, verb: str):
-    network, untouched = make_taught(), make_taught()
+    network, untouched = make_trained(), make_trained()
     percepts, targets = make_episode(1, seed=9)
     for one in (network, untouched):
         one.recognise(percepts[:60])

@@ -52,7 +52,7 @@ def demonstrations() -> Demonstrations:
 
 
 @pytest.fixture(scope="module")
-def taught(demonstrations: Demonstrations) -> Imitator:
+def trained(demonstrations: Demonstrations) -> Imitator:
     imitator = Imitator.from_demonstrations(demonstrations)
     imitator.learn(demonstrations)
     return imitator
@@ -63,9 +63,9 @@ def follow(imitator: Imitator, percepts: Tensor) -> list:
     return [imitator.step(percept) for percept in percepts]
 
 
-def test_it_repeats_the_demonstrated_actions(taught: Imitator):
+def test_it_repeats_the_demonstrated_actions(trained: Imitator):
     new = reach(100)
-    steps = follow(taught, new.percepts)
+    steps = follow(trained, new.percepts)
     assert not any(step.is_novel for step in steps)
     acted = [number for number, step in enumerate(steps) if step.action is not None]
     assert len(acted) > 0.95 * FRAMES
@@ -74,15 +74,15 @@ def test_it_repeats_the_demonstrated_actions(taught: Imitator):
     assert max(wrong) < 0.2
 
 
-def test_a_novel_percept_gets_no_action_and_the_step_names_the_dimension(taught: Imitator):
-    steps = follow(taught, reach(100, glass=0.15).percepts)[10:]
+def test_a_novel_percept_gets_no_action_and_the_step_names_the_dimension(trained: Imitator):
+    steps = follow(trained, reach(100, glass=0.15).percepts)[10:]
     assert all(step.action is None and step.is_novel for step in steps)
     assert {step.dimension for step in steps} == {"glass.x"}
     assert all(step.novelty > 1 for step in steps)
 
 
-def test_after_a_correction_the_new_place_and_the_old_one_are_known(taught: Imitator):
-    imitator = deepcopy(taught)
+def test_after_a_correction_the_new_place_and_the_old_one_are_known(trained: Imitator):
+    imitator = deepcopy(trained)
     imitator.learn(shown(*(reach(seed, glass=0.15) for seed in (50, 51)), source="corrections"))
     for glass in (0.0, 0.15):
         steps = follow(imitator, reach(100, glass).percepts)
@@ -129,8 +129,8 @@ def test_learning_at_once_equals_learning_one_after_the_other(demonstrations: De
     assert_same(at_once, piecemeal)
 
 
-def test_the_scale_stays_what_it_was(taught: Imitator):
-    imitator = deepcopy(taught)
+def test_the_scale_stays_what_it_was(trained: Imitator):
+    imitator = deepcopy(trained)
     before = imitator.network.sofm.scale.clone()
     imitator.learn(shown(replace(reach(9), environment_state=torch.full((FRAMES, 1), 40.0))))
     assert torch.equal(imitator.network.sofm.scale, before)
@@ -142,16 +142,16 @@ def test_progress_is_reported_in_frames(demonstrations: Demonstrations):
     assert sum(frames) == 4 * FRAMES
 
 
-def test_the_first_action_is_the_mean_over_the_demonstrations(taught: Imitator):
-    assert torch.allclose(taught.first_action, reach(0).action[0])
-    imitator = deepcopy(taught)
+def test_the_first_action_is_the_mean_over_the_demonstrations(trained: Imitator):
+    assert torch.allclose(trained.first_action, reach(0).action[0])
+    imitator = deepcopy(trained)
     other = reach(5)
     imitator.learn(shown(replace(other, action=other.action + 5.0)))
     assert torch.allclose(imitator.first_action, reach(0).action[0] + 1.0)
 
 
-def test_warming_up_changes_no_step(taught: Imitator):
-    warm, cold = deepcopy(taught), deepcopy(taught)
+def test_warming_up_changes_no_step(trained: Imitator):
+    warm, cold = deepcopy(trained), deepcopy(trained)
     percepts = reach(100).percepts
     follow(warm, percepts[:30])
     warm.warm_up()
@@ -163,38 +163,38 @@ def test_warming_up_changes_no_step(taught: Imitator):
         assert np.array_equal(one.action, other.action)
 
 
-def test_a_loaded_imitator_acts_and_learns_like_the_saved_one(taught: Imitator, tmp_path: Path):
-    taught.save_pretrained(tmp_path / "checkpoint")
+def test_a_loaded_imitator_acts_and_learns_like_the_saved_one(trained: Imitator, tmp_path: Path):
+    trained.save_pretrained(tmp_path / "checkpoint")
     loaded = Imitator.from_pretrained(tmp_path / "checkpoint")
-    assert loaded.reports == taught.reports
+    assert loaded.reports == trained.reports
     assert isinstance(loaded.reports[0], EpisodeReport)
-    assert loaded.config == taught.config
+    assert loaded.config == trained.config
     percepts = torch.cat([reach(100).percepts[:150], reach(101, glass=0.2).percepts[:20]])
-    for ours, theirs in zip(follow(taught, percepts), follow(loaded, percepts), strict=True):
+    for ours, theirs in zip(follow(trained, percepts), follow(loaded, percepts), strict=True):
         assert (ours.action is None) == (theirs.action is None)
         assert ours.action is None or np.array_equal(ours.action, theirs.action)
         assert (ours.novelty, ours.dimension) == (theirs.novelty, theirs.dimension)
-    for imitator in (taught := deepcopy(taught), loaded):
+    for imitator in (trained := deepcopy(trained), loaded):
         imitator.learn(shown(reach(6, glass=0.3)))
-    assert_same(taught, loaded)
+    assert_same(trained, loaded)
 
 
-def test_other_checkpoints_are_refused(taught: Imitator, tmp_path: Path):
-    taught.network.save_pretrained(tmp_path)
+def test_other_checkpoints_are_refused(trained: Imitator, tmp_path: Path):
+    trained.network.save_pretrained(tmp_path)
     with pytest.raises(ValueError, match="expected a checkpoint of Imitator"):
         Imitator.from_pretrained(tmp_path)
 
 
-def test_a_checkpoint_with_a_field_too_many_is_refused(taught: Imitator, tmp_path: Path):
-    taught.save_pretrained(tmp_path)
+def test_a_checkpoint_with_a_field_too_many_is_refused(trained: Imitator, tmp_path: Path):
+    trained.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
     write_checkpoint(tmp_path, {**fields, "speed": 3}, tensors)
     with pytest.raises(ValueError, match=r"expected the fields of ImitatorConfig.*speed"):
         Imitator.from_pretrained(tmp_path)
 
 
-def test_a_checkpoint_without_a_tensor_is_refused(taught: Imitator, tmp_path: Path):
-    taught.save_pretrained(tmp_path)
+def test_a_checkpoint_without_a_tensor_is_refused(trained: Imitator, tmp_path: Path):
+    trained.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
     del tensors["first_action"]
     write_checkpoint(tmp_path, fields, tensors)
@@ -202,8 +202,8 @@ def test_a_checkpoint_without_a_tensor_is_refused(taught: Imitator, tmp_path: Pa
         Imitator.from_pretrained(tmp_path)
 
 
-def test_a_checkpoint_of_version_0_1_loads_under_the_new_names(taught: Imitator, tmp_path: Path):
-    taught.save_pretrained(tmp_path)
+def test_a_checkpoint_of_version_0_1_loads_under_the_new_names(trained: Imitator, tmp_path: Path):
+    trained.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
     lessons = fields.pop("reports")
     for lesson in lessons:
@@ -215,20 +215,20 @@ def test_a_checkpoint_of_version_0_1_loads_under_the_new_names(taught: Imitator,
     assert {"familiarity.usual", "familiarity.episodes.deviation"} < old.keys()
     write_checkpoint(tmp_path, {**fields, "lessons": lessons}, old)
     loaded = Imitator.from_pretrained(tmp_path)
-    assert loaded.reports == taught.reports
-    assert_same(loaded, taught)
+    assert loaded.reports == trained.reports
+    assert_same(loaded, trained)
     percepts = reach(100, glass=0.1).percepts[:30]
-    np.testing.assert_equal(follow(loaded, percepts), follow(taught, percepts))
+    np.testing.assert_equal(follow(loaded, percepts), follow(trained, percepts))
     loaded.load_state_dict(old)
-    assert_same(loaded, taught)
+    assert_same(loaded, trained)
 
 
-def test_old_names_still_work_with_a_warning(taught: Imitator):
-    step, report = follow(taught, reach(100).percepts[:1])[0], taught.reports[1]
+def test_old_names_still_work_with_a_warning(trained: Imitator):
+    step, report = follow(trained, reach(100).percepts[:1])[0], trained.reports[1]
     old_names = {
-        "lessons": (taught, taught.reports),
-        "familiarity": (taught, taught.novelty_detector),
-        "usual": (taught.novelty_detector, taught.novelty_detector.typical_deviation),
+        "lessons": (trained, trained.reports),
+        "familiarity": (trained, trained.novelty_detector),
+        "usual": (trained.novelty_detector, trained.novelty_detector.typical_deviation),
         "tolerated": (step, step.threshold),
         "unfamiliar": (report, report.max_novelty),
     }
@@ -237,8 +237,8 @@ def test_old_names_still_work_with_a_warning(taught: Imitator):
             assert getattr(owner, name) is value
 
 
-def test_the_config_is_json(taught: Imitator, tmp_path: Path):
-    taught.save_pretrained(tmp_path)
+def test_the_config_is_json(trained: Imitator, tmp_path: Path):
+    trained.save_pretrained(tmp_path)
     config = json.loads((tmp_path / "config.json").read_text())["config"]
     assert config["percepts"]["observation.state"] == ["shoulder", "elbow"]
 
@@ -257,19 +257,19 @@ def test_the_config_is_json(taught: Imitator, tmp_path: Path):
     ],
 )
 def test_other_demonstrations_are_refused_before_anything_is_learned(
-    taught: Imitator, demonstrations: Demonstrations, change: dict, message: str
+    trained: Imitator, demonstrations: Demonstrations, change: dict, message: str
 ):
-    imitator = deepcopy(taught)
+    imitator = deepcopy(trained)
     with pytest.raises(ValueError, match=message):
         imitator.learn(replace(demonstrations, **change))
-    assert_same(imitator, taught)
+    assert_same(imitator, trained)
 
 
 @pytest.mark.parametrize(
     "percept", [np.zeros(2, "f4"), np.full(3, np.nan, "f4"), np.zeros(3), torch.zeros(1, 3)]
 )
-def test_other_percepts_are_refused(taught: Imitator, percept: object):
-    imitator = deepcopy(taught)
+def test_other_percepts_are_refused(trained: Imitator, percept: object):
+    imitator = deepcopy(trained)
     imitator.reset()
     with pytest.raises(ValueError, match="percept"):
         imitator.step(percept)
@@ -305,11 +305,11 @@ def test_one_demonstration_is_enough_to_act_by(fps: int, frames: int):
         assert float((way - there).norm(dim=1).amin()) < 0.05
 
 
-def test_in_eval_mode_nothing_is_learned(taught: Imitator):
-    imitator = deepcopy(taught).eval()
+def test_in_eval_mode_nothing_is_learned(trained: Imitator):
+    imitator = deepcopy(trained).eval()
     assert imitator.learn(shown(reach(9))) == []
-    assert imitator.reports == taught.reports
-    assert_same(imitator, taught)
+    assert imitator.reports == trained.reports
+    assert_same(imitator, trained)
 
 
 @pytest.mark.parametrize(
@@ -323,19 +323,19 @@ def test_in_eval_mode_nothing_is_learned(taught: Imitator):
         (lambda one: replace(one, action=one.action[:-1]), "got 299 actions, 300 states"),
     ],
 )
-def test_one_bad_demonstration_refuses_all(taught: Imitator, spoil, message: str):
-    imitator = deepcopy(taught)
+def test_one_bad_demonstration_refuses_all(trained: Imitator, spoil, message: str):
+    imitator = deepcopy(trained)
     with pytest.raises(ValueError, match=message):
         imitator.learn(shown(reach(7), spoil(reach(8))))
-    assert imitator.reports == taught.reports
-    assert_same(imitator, taught)
+    assert imitator.reports == trained.reports
+    assert_same(imitator, trained)
 
 
-def test_an_interrupt_leaves_whole_episodes(taught: Imitator):
+def test_an_interrupt_leaves_whole_episodes(trained: Imitator):
     def interrupt(_: int) -> None:
         raise KeyboardInterrupt
 
-    interrupted, expected = deepcopy(taught), deepcopy(taught)
+    interrupted, expected = deepcopy(trained), deepcopy(trained)
     with pytest.raises(KeyboardInterrupt):
         interrupted.learn(shown(reach(7), reach(8)), interrupt)
     interrupted.learn(shown(reach(8)))
@@ -344,8 +344,8 @@ def test_an_interrupt_leaves_whole_episodes(taught: Imitator):
     assert_same(interrupted, expected)
 
 
-def test_ctrl_c_waits_until_a_demonstration_is_learned(taught: Imitator, monkeypatch):
-    interrupted, expected = deepcopy(taught), deepcopy(taught)
+def test_ctrl_c_waits_until_a_demonstration_is_learned(trained: Imitator, monkeypatch):
+    interrupted, expected = deepcopy(trained), deepcopy(trained)
     append_rows = CompetingSchemas.append_rows
 
     def interrupted_append(*args: object) -> None:
@@ -366,9 +366,9 @@ def test_ctrl_c_waits_until_a_demonstration_is_learned(taught: Imitator, monkeyp
 
 
 def test_an_error_while_a_demonstration_is_learned_leaves_those_before(
-    taught: Imitator, monkeypatch
+    trained: Imitator, monkeypatch
 ):
-    failed, expected = deepcopy(taught), deepcopy(taught)
+    failed, expected = deepcopy(trained), deepcopy(trained)
 
     def out_of_memory(*_: object) -> None:
         raise MemoryError
@@ -392,9 +392,9 @@ def test_an_error_while_a_demonstration_is_learned_leaves_those_before(
     ids=["deep copy", "pickle"],
 )  # fmt: skip
 def test_a_copy_continues_the_recall_episode_and_is_independent(
-    taught: Imitator, copied: Callable[[Imitator], Imitator]
+    trained: Imitator, copied: Callable[[Imitator], Imitator]
 ):
-    imitator, percepts = deepcopy(taught), reach(100).percepts
+    imitator, percepts = deepcopy(trained), reach(100).percepts
     follow(imitator, percepts[:100])
     changed, other = copied(imitator), copied(imitator)
     follow(changed, reach(101, glass=0.3).percepts)
@@ -405,9 +405,9 @@ def test_a_copy_continues_the_recall_episode_and_is_independent(
 
 @pytest.mark.parametrize("deviation", [math.nan, -1.0, 0.0])
 def test_a_checkpoint_without_positive_typical_deviations_is_refused(
-    taught: Imitator, deviation: float, tmp_path: Path
+    trained: Imitator, deviation: float, tmp_path: Path
 ):
-    taught.save_pretrained(tmp_path)
+    trained.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
     tensors["novelty_detector.typical_deviation"][0] = deviation
     write_checkpoint(tmp_path, fields, tensors)
@@ -417,9 +417,9 @@ def test_a_checkpoint_without_positive_typical_deviations_is_refused(
 
 @pytest.mark.parametrize("reports", [None, "all", [{"dataset": "reaching"}], [], [3]])
 def test_a_checkpoint_with_other_reports_is_refused(
-    taught: Imitator, reports: object, tmp_path: Path
+    trained: Imitator, reports: object, tmp_path: Path
 ):
-    taught.save_pretrained(tmp_path)
+    trained.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
     write_checkpoint(tmp_path, {**fields, "reports": reports}, tensors)
     with pytest.raises(ValueError, match="report"):
@@ -484,9 +484,9 @@ def assert_same(ours: Imitator, theirs: Imitator) -> None:
 
 
 def test_the_old_constructor_warns_and_returns_the_same(
-    demonstrations: Demonstrations, taught: Imitator
+    demonstrations: Demonstrations, trained: Imitator
 ):
     with pytest.warns(DeprecationWarning, match="untaught is now Imitator.from_demonstrations"):
         imitator = Imitator.untaught(demonstrations, targets="action")
-    assert imitator.config == taught.config
+    assert imitator.config == trained.config
     assert imitator.reports == []

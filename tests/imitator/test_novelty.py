@@ -25,7 +25,7 @@ def swing(seed, place=0.0, noise=0.02):
     return np.column_stack([noisy, np.full(FRAMES, 0.73)]).astype(np.float32)
 
 
-def taught(*episodes):
+def trained(*episodes):
     """What has learned these episodes, and all their percepts as cues."""
     detector = NoveltyDetector(episodes[0].shape[1])
     cues = episodes[0][:0]
@@ -87,7 +87,7 @@ def test_the_first_episode_matches_a_calculation_by_hand():
 
 
 def test_the_novelty_of_an_episode_uses_the_thresholds_before_it():
-    detector, cues = taught(swing(0))
+    detector, cues = trained(swing(0))
     before, percepts = detector.thresholds, swing(1)
     expected = novelties(detector, percepts, cues).max()
     assert detector.learn(percepts, cues) == pytest.approx(expected, rel=1e-5)
@@ -110,7 +110,7 @@ def test_the_nearest_is_found_far_from_the_origin_too():
 
 
 def test_more_of_the_same_is_known_and_another_place_is_novel():
-    detector, cues = taught(*map(swing, range(8)))
+    detector, cues = trained(*map(swing, range(8)))
     for seed in range(100, 110):
         assert novelties(detector, swing(seed), cues).max() < 0.8
     scores = score_all(detector, swing(100, place=1.0), cues)[10:]
@@ -119,7 +119,7 @@ def test_more_of_the_same_is_known_and_another_place_is_novel():
 
 
 def test_one_demonstration_is_enough_to_begin_with():
-    detector, cues = taught(swing(0))
+    detector, cues = trained(swing(0))
     assert novelties(detector, swing(0), cues).max() == 0
     for seed in range(100, 105):
         assert novelties(detector, swing(seed), cues).max() < 1
@@ -128,8 +128,8 @@ def test_one_demonstration_is_enough_to_begin_with():
 
 def test_dimensions_keep_their_order():
     order = [3, 1, 0, 2]
-    detector, cues = taught(*map(swing, range(4)))
-    turned, turned_cues = taught(*(swing(seed)[:, order] for seed in range(4)))
+    detector, cues = trained(*map(swing, range(4)))
+    turned, turned_cues = trained(*(swing(seed)[:, order] for seed in range(4)))
     assert turned.thresholds == pytest.approx(detector.thresholds[order])
     percepts = swing(9, place=0.5)
     for one, other in zip(
@@ -142,7 +142,7 @@ def test_dimensions_keep_their_order():
 
 
 def test_a_novel_episode_raises_no_threshold():
-    detector, cues = taught(*map(swing, range(8)))
+    detector, cues = trained(*map(swing, range(8)))
     before, known = detector.thresholds, novelties(detector, swing(100), cues)
     for seed, place in enumerate((1.0, -1.0, 2.0)):
         percepts = swing(50 + seed, place=place)
@@ -155,7 +155,7 @@ def test_a_novel_episode_raises_no_threshold():
 
 
 def test_a_second_episode_that_is_novel_raises_no_threshold():
-    detector, cues = taught(swing(0))
+    detector, cues = trained(swing(0))
     before = detector.thresholds
     detector.learn(swing(1, place=5.0), cues)
     assert (detector.thresholds <= before + 1e-6).all()
@@ -163,7 +163,7 @@ def test_a_second_episode_that_is_novel_raises_no_threshold():
 
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_corrections_raise_no_threshold_even_if_they_outnumber_the_rest(count):
-    detector, cues = taught(*map(swing, range(count)))
+    detector, cues = trained(*map(swing, range(count)))
     before = detector.thresholds
     for seed in range(2 * count):
         percepts = swing(50 + seed, place=1.0 + seed)
@@ -182,15 +182,15 @@ def test_the_first_episode_sets_the_thresholds_even_as_a_correction():
 
 def test_thresholds_are_high_where_demonstrations_vary_much():
     places = np.random.default_rng(0).uniform(-1, 1, 8)
-    detector, cues = taught(*(swing(i, place) for i, place in enumerate(places)))
-    narrow, _ = taught(*map(swing, range(8)))
+    detector, cues = trained(*(swing(i, place) for i, place in enumerate(places)))
+    narrow, _ = trained(*map(swing, range(8)))
     assert detector.thresholds[2] > 2 * narrow.thresholds[2]
     middle = (np.sort(places)[1:] + np.sort(places)[:-1]) / 2
     assert novelties(detector, swing(100, middle[3]), cues).max() < 1
 
 
 def test_a_change_in_a_constant_dimension_is_novel():
-    detector, cues = taught(*map(swing, range(3)))
+    detector, cues = trained(*map(swing, range(3)))
     assert (detector.thresholds > 0).all()
     moved = swing(5)
     moved[:, 3] += 1
@@ -203,7 +203,7 @@ def test_a_change_in_a_constant_dimension_is_novel():
 @pytest.mark.parametrize("frames", [1, 2, 50])
 def test_constant_percepts_give_finite_scores(frames):
     still = np.ones((frames, 2), np.float32)
-    detector, cues = taught(still, still)
+    detector, cues = trained(still, still)
     assert (detector.thresholds > 0).all()
     assert novelties(detector, still, cues).max() == 0
     score = score_all(detector, still + 1, cues)[0]
@@ -211,12 +211,12 @@ def test_constant_percepts_give_finite_scores(frames):
 
 
 def test_without_noise_thresholds_are_still_above_zero():
-    detector, cues = taught(*(swing(0, noise=0.0) for _ in range(3)))
+    detector, cues = trained(*(swing(0, noise=0.0) for _ in range(3)))
     assert novelties(detector, swing(1, noise=0.0), cues).max() < 1
 
 
 def test_a_single_bad_frame_is_not_novel_but_several_are():
-    detector, cues = taught(*map(swing, range(4)))
+    detector, cues = trained(*map(swing, range(4)))
     percepts = swing(9)
     threshold = detector.thresholds[2]
     percepts[100, 2] += 3 * threshold
@@ -226,7 +226,7 @@ def test_a_single_bad_frame_is_not_novel_but_several_are():
 
 
 def test_reset_clears_the_smoothed_deviation_only():
-    detector, cues = taught(swing(0), swing(1))
+    detector, cues = trained(swing(0), swing(1))
     new = swing(5, place=1.0)
     fresh, state = novelties(detector, new, cues), deepcopy(detector.state_dict())
     assert detector.score(new[0], cues).novelty > fresh[0]
@@ -235,7 +235,7 @@ def test_reset_clears_the_smoothed_deviation_only():
 
 
 def test_scoring_and_learning_do_not_change_their_arguments():
-    detector, cues = taught(swing(0), swing(1))
+    detector, cues = trained(swing(0), swing(1))
     percepts = swing(5)
     before = percepts.copy(), cues.copy()
     detector.learn(percepts, cues)
@@ -245,7 +245,7 @@ def test_scoring_and_learning_do_not_change_their_arguments():
 
 
 def test_in_eval_mode_nothing_is_learned():
-    detector, cues = taught(swing(0), swing(1))
+    detector, cues = trained(swing(0), swing(1))
     state, other = deepcopy(detector.state_dict()), deepcopy(detector)
     percepts = swing(2, place=1.0)
     assert detector.eval().learn(percepts, cues) == other.learn(percepts, cues) > 1
@@ -254,7 +254,7 @@ def test_in_eval_mode_nothing_is_learned():
 
 
 def test_it_learns_in_inference_mode_too_and_later_outside_it():
-    detector, cues = taught(swing(0), swing(1))
+    detector, cues = trained(swing(0), swing(1))
     expected = deepcopy(detector)
     for seed in range(2, 300):  # more than the initial capacity
         expected.learn(swing(seed), cues)
@@ -264,8 +264,8 @@ def test_it_learns_in_inference_mode_too_and_later_outside_it():
 
 
 def test_a_loaded_detector_scores_and_learns_alike():
-    detector, cues = taught(*map(swing, range(5)))
-    loaded, _ = taught(swing(7))
+    detector, cues = trained(*map(swing, range(5)))
+    loaded, _ = trained(swing(7))
     loaded.load_state_dict(detector.state_dict())
     percepts = swing(9, place=0.3)
     assert np.array_equal(novelties(loaded, percepts, cues), novelties(detector, percepts, cues))

@@ -207,14 +207,14 @@ class Explanation:
 def imitate_beside(lessons: int, steps: int) -> None:
     """Takes so many steps while so many demonstrations are learned, and compares each answer.
 
-    An answer must be what a twin that was taught k demonstrations gives at this place of this
+    An answer must be what a reference that learned k demonstrations gives at this place of this
     episode, and k must not go down.
     """
-    twin, known = make_imitator(), []
+    reference, known = make_imitator(), []
     for number in range(lessons + 1):
         if number:
-            teach(twin, number)
-        known.append([[acted(twin, e, start) for start in range(len(e))] for e in EPISODES])
+            teach(reference, number)
+        known.append([[acted(reference, e, start) for start in range(len(e))] for e in EPISODES])
     imitator, taken = make_imitator(), []
 
     def act() -> None:
@@ -224,8 +224,8 @@ def imitate_beside(lessons: int, steps: int) -> None:
         for number in range(1, lessons + 1):
             teach(imitator, number)
             wait_for(errors, max(2, steps // lessons // len(EPISODES[0])), taken)
-    assert state_of(imitator) == state_of(twin)
-    assert imitator.reports == twin.reports
+    assert state_of(imitator) == state_of(reference)
+    assert imitator.reports == reference.reports
     explanation = Explanation(known)
     for number, answers in enumerate(taken):
         explanation.check(number % len(EPISODES), answers)
@@ -262,20 +262,20 @@ def watched(network: PACNet, understand: bool) -> Any:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_network_recalls_what_it_knew_before_a_lesson_or_after_it(kind: str):
     lessons, understand = 12, kind == "competing"
-    network, twin = make_network(kind), make_network(kind)
-    known = [watched(twin, understand)]
+    network, reference = make_network(kind), make_network(kind)
+    known = [watched(reference, understand)]
     for number in range(1, lessons):  # the map watches first, which is a lesson of its own
         percepts, targets = lesson(number)
-        twin.attend(percepts)
-        known.append(watched(twin, understand))
-        twin.observe(percepts, targets, number, f"way {number % 3}")
-        known.append(watched(twin, understand))
+        reference.attend(percepts)
+        known.append(watched(reference, understand))
+        reference.observe(percepts, targets, number, f"way {number % 3}")
+        known.append(watched(reference, understand))
     taken: list[Any] = []
     with beside(lambda: taken.append(watched(network, understand))) as errors:
         for number in range(1, lessons):
             teach(network, number)
             wait_for(errors, 2, taken)
-    assert state_of(network) == state_of(twin)
+    assert state_of(network) == state_of(reference)
     for part in range(3 if understand else 2):
         assert_ascending([each[part] for each in taken], [each[part] for each in known])
 
@@ -286,7 +286,7 @@ def rows_of(engine: str, number: int) -> Tensor:
 
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 def test_a_map_is_read_from_two_threads_while_a_third_observes(engine: str):
-    sofm, twin = make_map(engine), make_map(engine)
+    sofm, reference = make_map(engine), make_map(engine)
     percepts, lessons = lesson(50)[0], 8
     reads = (lambda m: plain(m(percepts)), lambda m: plain(m.read_one(percepts[5])[0]))
     taken: tuple[list[Any], ...] = ([], [])
@@ -295,18 +295,18 @@ def test_a_map_is_read_from_two_threads_while_a_third_observes(engine: str):
         for number in range(1, lessons + 1):
             sofm.observe(rows_of(engine, number))
             wait_for(errors, 3, *taken)
-    known = [[read(twin) for read in reads]]
+    known = [[read(reference) for read in reads]]
     for number in range(1, lessons + 1):
-        twin.observe(rows_of(engine, number))
-        known.append([read(twin) for read in reads])
-    assert state_of(sofm) == state_of(twin)
+        reference.observe(rows_of(engine, number))
+        known.append([read(reference) for read in reads])
+    assert state_of(sofm) == state_of(reference)
     for part, answers in enumerate(taken):
         assert_ascending(answers, [each[part] for each in known])
 
 
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 def test_a_map_is_read_from_two_threads_while_a_third_steps(engine: str):
-    sofm, twin, taken = make_map(engine), make_map(engine), [0, 0]
+    sofm, reference, taken = make_map(engine), make_map(engine), [0, 0]
     percepts = lesson(50)[0]
 
     def read() -> None:
@@ -326,8 +326,8 @@ def test_a_map_is_read_from_two_threads_while_a_third_steps(engine: str):
                 time.sleep(1e-4)
     for number in range(1, 9):
         for row in rows_of(engine, number):
-            twin.step(row)
-    assert state_of(sofm) == state_of(twin)
+            reference.step(row)
+    assert state_of(sofm) == state_of(reference)
 
 
 # Several threads that learn: as if one did after the other.
@@ -336,21 +336,21 @@ def test_a_map_is_read_from_two_threads_while_a_third_steps(engine: str):
 @pytest.mark.parametrize("engine", ["eager", "compiled"])
 @pytest.mark.parametrize("call", ["observe", "step"])
 def test_two_threads_that_teach_a_map_are_as_one_after_the_other(engine: str, call: str):
-    sofm, twin, done = make_map(engine), make_map(engine), [0, 0]
+    sofm, reference, done = make_map(engine), make_map(engine), [0, 0]
     rows, rounds = rows_of(engine, 1), 30
-    taught = rows if call == "observe" else rows[3] + 0.5
+    trained = rows if call == "observe" else rows[3] + 0.5
 
     def study(who: int) -> None:
         if done[who] < rounds:
-            getattr(sofm, call)(taught)
+            getattr(sofm, call)(trained)
             done[who] += 1
 
     with beside(lambda: study(0), lambda: study(1)) as errors:
         while min(done) < rounds and not errors:
             time.sleep(1e-3)
     for _ in range(2 * rounds):  # the same each time, so that it does not matter who comes first
-        getattr(twin, call)(taught)
-    assert state_of(sofm) == state_of(twin)
+        getattr(reference, call)(trained)
+    assert state_of(sofm) == state_of(reference)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -367,11 +367,11 @@ def test_two_threads_that_teach_a_network_are_as_one_after_the_other(kind: str):
     with beside(lambda: study(0), lambda: study(1)) as errors:
         while min(done) < rounds and not errors:
             time.sleep(1e-3)
-    twin = make_network(kind)
-    for _ in range(2 * rounds):  # the same lesson each time: whoever comes first
-        twin.observe(percepts, targets, 1, "way 1")
+    reference = make_network(kind)
+    for _ in range(2 * rounds):  # the same lesson each time, in any order
+        reference.observe(percepts, targets, 1, "way 1")
     assert int(network.sofm.time) == before + 2 * rounds * FRAMES
-    assert state_of(network) == state_of(twin)
+    assert state_of(network) == state_of(reference)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -404,12 +404,12 @@ def test_two_threads_that_teach_an_imitator_are_as_one_after_the_other():
     with beside(lambda: study(0), lambda: study(1)) as errors:
         while min(done) < 5 and not errors:
             time.sleep(1e-3)
-    twin = make_imitator()
+    reference = make_imitator()
     for told in imitator.reports[1:]:  # in the order in which they came
-        teach(twin, told.episode)
+        teach(reference, told.episode)
     assert len(imitator.reports) == 11
-    assert imitator.reports == twin.reports
-    assert state_of(imitator) == state_of(twin)
+    assert imitator.reports == reference.reports
+    assert state_of(imitator) == state_of(reference)
 
 
 def test_a_map_that_is_taught_beside_its_network_ends_nothing():
@@ -430,17 +430,17 @@ def test_what_is_saved_beside_learning_is_of_before_a_lesson_or_after_it(kind: s
     make: Callable[[], Any] = (
         make_imitator if kind == "imitator" else functools.partial(make_network, kind)
     )
-    model, twin = make(), make()
-    states, taken, loaded = [state_of(twin)], [], []
+    model, reference = make(), make()
+    states, taken, loaded = [state_of(reference)], [], []
     for number in range(1, 6):
-        if isinstance(twin, PACNet):
-            twin.attend(lesson(number)[0])
-            states.append(state_of(twin))
+        if isinstance(reference, PACNet):
+            reference.attend(lesson(number)[0])
+            states.append(state_of(reference))
             percepts, targets = lesson(number)
-            twin.observe(percepts, targets, number, f"way {number % 3}")
+            reference.observe(percepts, targets, number, f"way {number % 3}")
         else:
-            teach(twin, number)
-        states.append(state_of(twin))
+            teach(reference, number)
+        states.append(state_of(reference))
 
     def save() -> None:
         model.save_pretrained(tmp_path)

@@ -37,7 +37,7 @@ def make_circle(samples: int = 200, noise: float = 0.0, seed: int = 0) -> tuple[
     return percepts, (angle + 0.1).sin()[:, None]
 
 
-def make_taught(episodes: int = 3, **fields: object) -> PACNet:
+def make_trained(episodes: int = 3, **fields: object) -> PACNet:
     network = make_network(**fields)
     for episode in range(episodes):
         network.observe(*make_circle(noise=0.01, seed=episode), episode=episode)
@@ -57,7 +57,7 @@ def assert_same_state(one: PACNet, other: PACNet) -> None:
 
 
 def test_recall_gives_the_targets_that_were_shown():
-    network = make_taught()
+    network = make_trained()
     percepts, targets = make_circle(noise=0.01, seed=9)
     recall = network.recall(percepts)
     assert recall.has_target.all()
@@ -65,7 +65,7 @@ def test_recall_gives_the_targets_that_were_shown():
 
 
 def test_recall_keeps_pace_with_a_slower_and_a_faster_teacher():
-    network = make_taught()
+    network = make_trained()
     for samples in (120, 400):
         network.reset()
         percepts, targets = make_circle(samples, noise=0.01, seed=9)
@@ -73,7 +73,7 @@ def test_recall_keeps_pace_with_a_slower_and_a_faster_teacher():
 
 
 def test_below_the_match_threshold_nothing_is_commanded():
-    network = make_taught()
+    network = make_trained()
     recall = network.recall(torch.tensor([[50.0, 50.0], [2.0, 0.0]]))
     assert recall.has_target.tolist() == [False, True]
     assert recall.is_novel.tolist() == [True, False]
@@ -90,7 +90,7 @@ def test_a_node_that_never_habituated_commands_nothing():
     assert not recall.has_target.item()
 
 
-def test_an_untaught_network_commands_nothing():
+def test_an_untrained_network_commands_nothing():
     recall = make_network().recall(torch.zeros(3, 2))
     assert not recall.has_target.any()
     assert recall.winner.tolist() == [-1, -1, -1]
@@ -144,7 +144,7 @@ def test_a_sequence_at_once_equals_sample_by_sample(preset: str):
 
 
 def test_eval_mode_learns_nothing_and_recall_changes_nothing_learned():
-    network = make_taught().eval()
+    network = make_trained().eval()
     before = copy.deepcopy(network.state_dict())
     record = network.observe(*make_circle(noise=0.5, seed=3), episode=7)
     network.recall(make_circle()[0])
@@ -154,7 +154,7 @@ def test_eval_mode_learns_nothing_and_recall_changes_nothing_learned():
 
 
 def test_learning_goes_on_after_save_and_load(tmp_path):
-    network = make_taught()
+    network = make_trained()
     network.save_pretrained(tmp_path)
     loaded = PACNet.from_pretrained(tmp_path)
     assert loaded.config == network.config
@@ -166,7 +166,7 @@ def test_learning_goes_on_after_save_and_load(tmp_path):
     assert_same(network.recall(percepts).target, loaded.recall(percepts).target)
 
 
-def test_an_untaught_network_saves_and_loads(tmp_path):
+def test_an_untrained_network_saves_and_loads(tmp_path):
     make_network().save_pretrained(tmp_path)
     loaded = PACNet.from_pretrained(tmp_path)
     loaded.observe(*make_circle(), episode=0)
@@ -193,7 +193,7 @@ BAD_PAIRS = {
 
 @pytest.mark.parametrize("case", BAD_PAIRS)
 def test_bad_input_is_refused_before_anything_changes(case: str):
-    network = make_taught()
+    network = make_trained()
     before = copy.deepcopy(network.state_dict())
     percepts, targets, message = BAD_PAIRS[case]
     with pytest.raises(ValueError, match=message):
@@ -207,7 +207,7 @@ def test_bad_input_is_refused_before_anything_changes(case: str):
     [(1, "episode ≥ 2.*got 1"), (-1, "got -1"), (2.0, "got 2.0"), (True, "got True")],
 )
 def test_an_episode_that_goes_backwards_or_is_no_number_is_refused(episode, message):
-    network = make_taught(episodes=3)
+    network = make_trained(episodes=3)
     with pytest.raises(ValueError, match=message):
         network.observe(*make_circle(), episode=episode)
 
@@ -292,7 +292,7 @@ LEARNING = {
 @pytest.mark.usefixtures("sigint")
 @pytest.mark.parametrize("verb", LEARNING)
 def test_ctrl_c_between_map_and_schemas_leaves_what_was_known(verb: str, monkeypatch, tmp_path):
-    network, untouched = make_taught(), make_taught()
+    network, untouched = make_trained(), make_trained()
     watched = network.recall(make_circle(noise=0.1, seed=4)[0])
     add_node, added = MotorSchemas.add_node, []
 
@@ -320,7 +320,7 @@ def test_ctrl_c_between_map_and_schemas_leaves_what_was_known(verb: str, monkeyp
 
 @pytest.mark.usefixtures("sigint")
 def test_ctrl_c_while_what_was_learned_is_taken_over_comes_after_it(monkeypatch):
-    network, expected = make_taught(), make_taught()
+    network, expected = make_trained(), make_trained()
     adopt, adopted = pacnet.network.state.adopt, []
 
     def interrupted_adopt(*modules: torch.nn.Module) -> None:
@@ -338,7 +338,7 @@ def test_ctrl_c_while_what_was_learned_is_taken_over_comes_after_it(monkeypatch)
 
 
 def test_an_error_while_learning_leaves_what_was_known(monkeypatch):
-    network, untouched = make_taught(), make_taught()
+    network, untouched = make_trained(), make_trained()
 
     def out_of_memory(*_: object) -> None:
         raise MemoryError

@@ -41,7 +41,7 @@ class Towards:
         self.calls = 0
 
 
-def taught(forward_model=None, target=0.75) -> PACNet:
+def trained(forward_model=None, target=0.75) -> PACNet:
     """Knows one percept, 0.5, and the target that goes with it."""
     attention = SOFMConfig.paper(1, novelty_threshold=0.6)
     network = PACNet(PACNetConfig(attention, MotorSchemasConfig(1, 1)), forward_model)
@@ -75,23 +75,23 @@ def pid() -> PIDController:
 
 
 def test_the_action_leads_from_the_percept_to_the_recalled_target():
-    assert taught(Towards()).act(HERE).action.item() == pytest.approx(0.75 - 0.5)
+    assert trained(Towards()).act(HERE).action.item() == pytest.approx(0.75 - 0.5)
 
 
 def test_it_starts_from_the_state_where_that_is_not_the_percept():
-    action = taught(Towards()).act(HERE, states=torch.tensor([[1.0]])).action
+    action = trained(Towards()).act(HERE, states=torch.tensor([[1.0]])).action
     assert action.item() == pytest.approx(0.75 - 1.0)
 
 
 def test_nothing_is_done_about_an_unknown_percept():
-    acted = taught(Towards()).act(torch.cat([NOWHERE, HERE]))
+    acted = trained(Towards()).act(torch.cat([NOWHERE, HERE]))
     assert acted.has_action.tolist() == [False, True]
     assert acted.action.isnan().flatten().tolist() == [True, False]
     assert acted.abstained.tolist() == [False, False]
 
 
 def test_nothing_is_done_where_the_forward_model_abstains():
-    acted = taught(Towards(deadband=0.5)).act(HERE)
+    acted = trained(Towards(deadband=0.5)).act(HERE)
     assert acted.has_target.item()
     assert not acted.has_action.item()
     assert acted.abstained.item()
@@ -100,7 +100,7 @@ def test_nothing_is_done_where_the_forward_model_abstains():
 
 def test_reset_starts_the_forward_model_afresh():
     model = Towards()
-    network = taught(model)
+    network = trained(model)
     network.act(HERE.repeat(3, 1))
     assert model.calls == 3
     network.reset()
@@ -110,13 +110,13 @@ def test_reset_starts_the_forward_model_afresh():
 @pytest.mark.parametrize("make", [trained_mlp, trained_matrix])
 @pytest.mark.parametrize(("target", "wanted"), [(0.7, 0.1), (0.3, -0.1), (0.5, 0.0)])
 def test_learned_forward_models_choose_the_candidate_towards_the_target(make, target, wanted):
-    acted = taught(make(), target).act(HERE)
+    acted = trained(make(), target).act(HERE)
     assert acted.action.item() == pytest.approx(wanted)
 
 
 def test_a_pid_is_a_forward_model_with_a_state_of_its_own():
     states = torch.tensor([[0.25, 0.125]])  # angle [rad], velocity [rad/s]
-    torque = taught(pid()).act(HERE, states).action
+    torque = trained(pid()).act(HERE, states).action
     assert torque.item() == pytest.approx(2.0 * (0.75 - 0.25) - 1.0 * 0.125)
 
 
@@ -126,8 +126,8 @@ def test_all_at_once_equals_one_by_one_also_with_a_memory():
     )
     percepts = torch.tensor([[0.5], [0.55], [50.0], [0.45]])
     states = torch.rand(4, 2, generator=torch.Generator().manual_seed(1))
-    at_once = taught(PIDController(config)).act(percepts, states).action
-    network = taught(PIDController(config))
+    at_once = trained(PIDController(config)).act(percepts, states).action
+    network = trained(PIDController(config))
     one_by_one = torch.cat(
         [
             network.act(percept[None], state[None]).action
@@ -138,7 +138,7 @@ def test_all_at_once_equals_one_by_one_also_with_a_memory():
 
 
 def test_acting_learns_nothing():
-    network = taught(trained_mlp())
+    network = trained(trained_mlp())
     before = {name: value.clone() for name, value in network.state_dict().items()}
     network.act(torch.cat([HERE, NOWHERE]))
     assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
@@ -154,13 +154,13 @@ def test_acting_learns_nothing():
     ],
 )
 def test_bad_input_is_refused(model, percepts, states, message):
-    network = taught(model)
+    network = trained(model)
     with pytest.raises(ValueError, match=message):
         network.act(percepts, states)
 
 
 def test_a_checkpoint_holds_the_network_and_not_its_forward_model(tmp_path):
-    network = taught(trained_mlp(), target=0.7)
+    network = trained(trained_mlp(), target=0.7)
     network.save_pretrained(tmp_path / "network")
     network.forward_model.save_pretrained(tmp_path / "body")
     alone = PACNet.from_pretrained(tmp_path / "network")

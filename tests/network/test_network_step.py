@@ -123,7 +123,7 @@ def lessons(schemas: str) -> dict[str, Any]:
     return network.state_dict()
 
 
-def taught(
+def trained(
     engine: Any = "auto", schemas: str = "nearest cue", model: ForwardModel | None = None
 ) -> PACNet:
     network = make_network(engine, schemas)
@@ -183,8 +183,8 @@ def assert_steps_as_recalls(network: PACNet, percepts: Tensor) -> None:
 @every_engine
 @every_kind
 def test_it_equals_recall_sample_by_sample(engine: str, schemas: str):
-    network, twin = taught(engine, schemas), taught(engine, schemas)
-    recall = twin.recall(walk())
+    network, reference = trained(engine, schemas), trained(engine, schemas)
+    recall = reference.recall(walk())
     assert 5 < recall.is_novel.sum() < 20
     assert 30 < recall.has_target.sum() < 60
     decisions = steps(network, walk())
@@ -195,8 +195,8 @@ def test_it_equals_recall_sample_by_sample(engine: str, schemas: str):
 @every_engine
 @pytest.mark.parametrize("name", ["MLP", "transition matrix", "a user's own"])
 def test_it_equals_act_sample_by_sample(engine: str, name: str):
-    network, twin = (taught(engine, "five nearest cues", MODELS[name]()) for _ in range(2))
-    acted = twin.act(walk())
+    network, reference = (trained(engine, "five nearest cues", MODELS[name]()) for _ in range(2))
+    acted = reference.act(walk())
     assert acted.has_action.sum() > 10
     assert acted.abstained.sum() > 2
     assert_acted(steps(network, walk()), acted)
@@ -208,8 +208,8 @@ def test_it_starts_from_the_state_where_one_is_given(engine: str, name: str):
     columns = 4 if name == "PID" else 2  # angles and velocities of two joints
     drawn = torch.randn(len(walk()), columns, generator=torch.Generator().manual_seed(5))
     states = walk().repeat(1, columns // 2) + drawn
-    network, twin = (taught(engine, "five nearest cues", MODELS[name]()) for _ in range(2))
-    acted = twin.act(walk(), states)
+    network, reference = (trained(engine, "five nearest cues", MODELS[name]()) for _ in range(2))
+    acted = reference.act(walk(), states)
     assert acted.has_action.sum() > 10
     assert_acted(steps(network, walk(), states), acted)
 
@@ -217,24 +217,25 @@ def test_it_starts_from_the_state_where_one_is_given(engine: str, name: str):
 @every_engine
 @every_kind
 def test_tensors_and_arrays_give_the_same(engine: str, schemas: str):
-    network, twin = taught(engine, schemas, Towards()), taught(engine, schemas, Towards())
+    network, reference = trained(engine, schemas, Towards()), trained(engine, schemas, Towards())
     for row in walk():
-        one, other = network.step(row.numpy()), twin.step(row)
+        one, other = network.step(row.numpy()), reference.step(row)
         np.testing.assert_equal(one._asdict(), other._asdict())
         np.testing.assert_equal(
-            network.step(row.numpy(), row.numpy() + 1)._asdict(), twin.step(row, row + 1)._asdict()
+            network.step(row.numpy(), row.numpy() + 1)._asdict(),
+            reference.step(row, row + 1)._asdict(),
         )
 
 
 @every_engine
 def test_calls_of_step_and_of_recall_go_on_from_one_another(engine: str):
-    network, twin = taught(engine, "order"), taught(engine, "order")
+    network, reference = trained(engine, "order"), trained(engine, "order")
     percepts = circle(40)[0]
     positions = []
     for start in range(0, 40, 4):
         positions += network.recall(percepts[start : start + 3]).offset.tolist()
         positions.append(network.step(percepts[start + 3].numpy()).offset)
-    assert positions == twin.recall(percepts).offset.tolist()
+    assert positions == reference.recall(percepts).offset.tolist()
     assert max(positions) > 3
 
 
@@ -261,7 +262,7 @@ del ANSWERING["PID"]  # which has states of its own
     [*((schemas, "a user's own") for schemas in SCHEMAS), *(("order", name) for name in ANSWERING)],
 )
 def test_answers_are_the_callers_own(engine: str, schemas: str, name: str):
-    network = taught(engine, schemas, ANSWERING[name]())
+    network = trained(engine, schemas, ANSWERING[name]())
     before = copy.deepcopy(network.state_dict())
     percepts = walk()
     first = steps(network, percepts)
@@ -302,7 +303,7 @@ BAD_PERCEPTS: dict[str, Any] = {
 @every_engine
 @pytest.mark.parametrize("case", BAD_PERCEPTS)
 def test_a_bad_percept_is_refused_and_the_episode_stays_where_it_was(engine: str, case: str):
-    network = taught(engine, "order")
+    network = trained(engine, "order")
     percepts = circle(6, noise=0.0)[0].numpy()
     position = network.step(percepts[0]).offset
     before = copy.deepcopy(network.state_dict())
@@ -317,7 +318,7 @@ def test_a_bad_percept_is_refused_and_the_episode_stays_where_it_was(engine: str
 @pytest.mark.parametrize("name", ["MLP", "transition matrix", "PID"])
 @pytest.mark.parametrize("state", [np.zeros(3, np.float32), np.full(2, np.nan, np.float32), [0, 0]])
 def test_a_state_that_the_forward_model_cannot_use_is_refused(engine: str, name: str, state: Any):
-    network = taught(engine, model=MODELS[name]())
+    network = trained(engine, model=MODELS[name]())
     with pytest.raises(ValueError, match=r"^expected .*state.*, got "):
         network.step(circle(6, noise=0.0)[0][0].numpy(), state)
 
@@ -326,7 +327,7 @@ def test_a_state_that_the_forward_model_cannot_use_is_refused(engine: str, name:
 @every_kind
 @pytest.mark.parametrize("training", [True, False], ids=["training", "eval"])
 def test_nothing_is_learned(engine: str, schemas: str, training: bool):
-    network = taught(engine, schemas).train(training)
+    network = trained(engine, schemas).train(training)
     before = copy.deepcopy(network.state_dict())
     steps(network, walk())
     for name, value in network.state_dict().items():
@@ -337,7 +338,7 @@ def test_nothing_is_learned(engine: str, schemas: str, training: bool):
 @every_engine
 @every_kind
 def test_an_unknown_percept_is_new_and_commands_nothing(engine: str, schemas: str):
-    network = taught(engine, schemas, Towards())
+    network = trained(engine, schemas, Towards())
     decision = network.step(np.array(FAR, np.float32))
     assert decision.is_novel is True
     assert (decision.target, decision.has_target) == (None, False)
@@ -350,7 +351,7 @@ def test_an_unknown_percept_is_new_and_commands_nothing(engine: str, schemas: st
 
 @every_engine
 @every_kind
-def test_an_untaught_network_commands_nothing(engine: str, schemas: str):
+def test_an_untrained_network_commands_nothing(engine: str, schemas: str):
     decision = make_network(engine, schemas, Towards()).step(np.zeros(2, np.float32))
     assert decision == Decision(None, False, NO_NODE, 0.0, True, offset=-1, schema=NO_NODE)
 
@@ -389,7 +390,7 @@ def test_it_follows_what_is_learned_later(schemas: str):
 
 @every_kind
 def test_it_follows_what_is_loaded(schemas: str):
-    network, other = taught(schemas=schemas), make_network(schemas=schemas)
+    network, other = trained(schemas=schemas), make_network(schemas=schemas)
     for episode in range(3):
         other.observe(*(1.5 * rows for rows in circle(200)), episode)
     steps(network, walk())
@@ -401,7 +402,7 @@ def test_it_follows_what_is_loaded(schemas: str):
 
 @every_kind
 def test_a_copy_has_a_memory_of_its_own(schemas: str):
-    network = taught(schemas=schemas, model=mlp())
+    network = trained(schemas=schemas, model=mlp())
     steps(network, walk())
     network.reset()
     other = copy.deepcopy(network)
@@ -415,7 +416,7 @@ def test_a_copy_has_a_memory_of_its_own(schemas: str):
 
 @every_engine
 def test_it_survives_pickling(engine: str):
-    network = taught(engine, "five nearest cues", mlp())
+    network = trained(engine, "five nearest cues", mlp())
     expected = steps(network, walk())
     np.testing.assert_equal(steps(pickle.loads(pickle.dumps(network)), walk()), expected)
 
@@ -423,7 +424,7 @@ def test_it_survives_pickling(engine: str):
 @every_engine
 @every_kind
 def test_it_follows_targets_that_are_changed_in_place(engine: str, schemas: str):
-    network = taught(engine, schemas)
+    network = trained(engine, schemas)
     steps(network, walk())
     network.reset()
     before = [decision.target for decision in steps(network, walk())]
@@ -438,7 +439,7 @@ def test_it_follows_targets_that_are_changed_in_place(engine: str, schemas: str)
 
 @every_engine
 def test_reset_starts_a_new_episode(engine: str):
-    network = taught(engine, "order", pid())
+    network = trained(engine, "order", pid())
     percept, state = circle(6, noise=0.0)[0][0].numpy(), np.zeros(4, np.float32)
     first = network.step(percept, state)
     second = network.step(percept, state)
@@ -450,13 +451,13 @@ def test_reset_starts_a_new_episode(engine: str):
 @every_kind
 @pytest.mark.parametrize("name", ["MLP", "a user's own"])
 def test_a_network_in_float64_takes_percepts_in_float64(schemas: str, name: str):
-    network, twin = (taught("auto", schemas, MODELS[name]()).double() for _ in range(2))
-    assert_acted(steps(network, walk().double()), twin.act(walk().double()))
+    network, reference = (trained("auto", schemas, MODELS[name]()).double() for _ in range(2))
+    assert_acted(steps(network, walk().double()), reference.act(walk().double()))
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_a_view_and_a_read_only_array_are_percepts_and_states_too(name: str):
-    network = taught("compiled", model=MODELS[name]())
+    network = trained("compiled", model=MODELS[name]())
     row = circle(6, noise=0.0)[0][1].numpy()
     spaced = np.zeros((4, 3), np.float32)
     spaced[::2, 1] = row

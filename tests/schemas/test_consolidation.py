@@ -197,7 +197,7 @@ def test_the_fit_is_the_mean_activation():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_twin_is_the_most_alike_of_all_by_brute_force(seed: int):
+def test_the_match_is_the_most_alike_of_all_by_brute_force(seed: int):
     generator = torch.Generator().manual_seed(seed)
     fields = {"schemas_per_node": 50, "lookahead_samples": 2, "same_schema_similarity": 0.8}
     schemas = make_schemas(**fields)
@@ -214,13 +214,13 @@ def test_the_twin_is_the_most_alike_of_all_by_brute_force(seed: int):
                 schemas.write(node, torch.zeros(2), away, activation=0.9, habituated=False)
         known = _Comparison(schemas)
         for new in known.new:
-            alike = twin_by_hand(schemas, new)
+            alike = match_by_hand(schemas, new)
             assert known.match(new, set()) == alike
             found += alike is not None
     assert 5 < found < 43
 
 
-def twin_by_hand(schemas: CompetingSchemas, new: int) -> int | None:
+def match_by_hand(schemas: CompetingSchemas, new: int) -> int | None:
     """Each cue of the shorter sequence against each of the longer, one-dimensional."""
     node, support, after = (
         schemas.blocks.live(name).flatten().tolist() for name in ("node", "support", "continuation")
@@ -233,5 +233,5 @@ def twin_by_hand(schemas: CompetingSchemas, new: int) -> int | None:
         shorter, longer = sorted((one, other), key=len)
         nearest = [min(abs(cue - far) for far in longer) for cue in shorter]
         distances[old] = max(sum(nearest) / len(nearest), abs(after[new] - after[old]))
-    twin = min(distances, key=lambda old: distances[old], default=None)
-    return twin if twin is not None and distances[twin] <= -math.log(0.8) else None
+    match = min(distances, key=lambda old: distances[old], default=None)
+    return match if match is not None and distances[match] <= -math.log(0.8) else None
