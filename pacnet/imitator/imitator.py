@@ -221,7 +221,7 @@ class Imitator(ImitatorState):
                 max_novelty=novelty,
                 correction=correction,
             )
-            with self.network.changing:
+            with self.network.state_lock:
                 self.network.adopt(draft)
                 adopt(self.novelty_detector, detector)
                 self._buffers["first_action"] = first_action

@@ -114,7 +114,7 @@ class ImitatorState(nn.Module):
         """Return a snapshot of what is known now; the same one until something is learned."""
         network, snapshot = self.network.snapshot(), self._snapshot
         if snapshot is None or not snapshot.is_of(network, self.novelty_detector):
-            with self.network.changing:
+            with self.network.state_lock:
                 snapshot = ImitatorSnapshot.take(self.network.snapshot(), self.novelty_detector)
                 self._snapshot = snapshot
         return snapshot
@@ -136,7 +136,7 @@ class ImitatorState(nn.Module):
         Raises:
             ValueError: tensors that contradict one another; nothing has been written.
         """
-        with self.network.changing:
+        with self.network.state_lock:
             tensors, reports = self.state_dict(), [report._asdict() for report in self.reports]
         self.check_state(tensors)
         fields = {**asdict(self.config), "reports": reports}
@@ -172,14 +172,14 @@ class ImitatorState(nn.Module):
 
     def state_dict(self, *args: Any, **kwargs: Any) -> Any:
         """Return the state; where another thread learns, that of before or after it."""
-        with self.network.changing:
+        with self.network.state_lock:
             return super().state_dict(*args, **kwargs)
 
     def load_state_dict(
         self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
     ) -> Any:
         """Load a state, all or nothing, once other threads have finished learning."""
-        with self.network.no_learning(), self.network.changing:
+        with self.network.learning_lock, self.network.state_lock:
             check_model(self.forward_model, part_of(state_dict, _MODEL), strict)
             return super().load_state_dict(state_dict, strict, assign)
 

@@ -111,7 +111,7 @@ class PACNet(NetworkState):
             return ignored(self.sofm.read(percepts))
         with self.learning() as draft:
             observation = draft.update(percepts, *demonstration)
-            with defer_sigint(), self.changing:
+            with defer_sigint(), self.state_lock:
                 self.adopt(draft)
         return observation
 
@@ -180,7 +180,7 @@ class PACNet(NetworkState):
         has_target = offset != NO_NODE
         return Decision(
             target, has_target, attention.winner, attention.activation, attention.novelty, offset,
-            schema, None, torch.zeros_like(has_target),
+            schema, has_action=torch.zeros_like(has_target),
         )  # fmt: skip
 
     @torch.no_grad()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
@@ -65,7 +65,8 @@ class NetworkState(nn.Module):
             if isinstance(config.schemas, CompetingSchemasConfig)
             else MotorSchemas(config.schemas)
         )
-        self._learning, self.changing = Lock(), Lock()  # the second one is held only briefly
+        # One thread learns at a time. The state itself is locked only while it is replaced or read.
+        self.learning_lock, self.state_lock = Lock(), Lock()
         self._snapshot: Snapshot | None = None  # of the recall episode in progress
         self.register_buffer("episode", torch.tensor(NO_EPISODE))  # the last one observed
         copy_on_state_dict(self)
@@ -86,20 +87,16 @@ class NetworkState(nn.Module):
     def learning(self) -> Iterator[Self]:
         """Yield a draft of this network to learn on, for `adopt`; other learners wait."""
         # Growing inside a caller's inference mode would make buffers that cannot be updated later.
-        with self.no_learning(), short_switch_interval(), torch.inference_mode(False):
-            with self.changing:  # a reader may be compacting the schemas
+        with self.learning_lock, short_switch_interval(), torch.inference_mode(False):
+            with self.state_lock:  # a reader may be compacting the schemas
                 draft = copy.copy(self)  # which shares the forward model
                 parts = {"sofm": draft_of(self.sofm), "schemas": draft_of(self.schemas)}
                 draft._modules = {**self._modules, **parts}
                 draft._buffers = {"episode": check_storage("episode", self.episode).clone()}
             yield draft
 
-    def no_learning(self) -> AbstractContextManager[object]:
-        """Wait until no other thread learns, and keep others from it."""
-        return self._learning
-
     def adopt(self, draft: Self) -> None:
-        """Replace the state by that of a draft; `changing` must be held."""
+        """Replace the state by that of a draft; `state_lock` must be held."""
         snapshot = None if self._snapshot is None else Snapshot(draft.sofm, draft.schemas)
         adopt(self.sofm, draft.sofm)
         adopt(self.schemas, draft.schemas)
@@ -112,7 +109,7 @@ class NetworkState(nn.Module):
         """Return the snapshot that the recall episode works on; a new one after learning."""
         snapshot, parts = self._snapshot, self._modules  # as attributes they take a microsecond
         if snapshot is None or not snapshot.is_of(parts["sofm"], parts["schemas"]):
-            with self.changing:
+            with self.state_lock:
                 snapshot = self._snapshot
                 if snapshot is None or not snapshot.is_of(self.sofm, self.schemas):
                     self._snapshot = snapshot = Snapshot(self.sofm, self.schemas)
@@ -169,14 +166,14 @@ class NetworkState(nn.Module):
 
     def state_dict(self, *args: Any, **kwargs: Any) -> Any:
         """Return the state; where another thread learns, that of before or after it."""
-        with self.changing:
+        with self.state_lock:
             return super().state_dict(*args, **kwargs)
 
     def load_state_dict(
         self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
     ) -> Any:
         """Load a state, all or nothing, once other threads have finished learning."""
-        with self.no_learning(), self.changing:
+        with self.learning_lock, self.state_lock:
             check_model(self.forward_model, part_of(state_dict, FORWARD_MODEL), strict)
             return super().load_state_dict(state_dict, strict, assign)
 
