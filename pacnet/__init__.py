@@ -38,11 +38,11 @@ _PUBLIC = {  # folder -> the names that `pacnet` offers
     "schemas": ("MotorSchemas", "MotorSchemasConfig", "targets_ahead"),
 }  # fmt: skip
 _FOLDER_OF = {name: folder for folder, names in _PUBLIC.items() for name in names}
-_OLD_NAMES = {
+_OLD_NAMES = {  # work for one release
     "Action": "Decision",
     "NOBODY": "NO_NODE",
     "Recall": "Decision",
-}  # they work for one release
+}
 
 __all__ = sorted(_FOLDER_OF)  # pyright: ignore[reportUnsupportedDunderAll]
 

@@ -1,4 +1,4 @@
-"""Which schema wins, and why."""
+"""Competition of motor schemas, and recognition of known episodes."""
 
 from pacnet.competition.belief import RecognitionConfig
 from pacnet.competition.competing_schemas import CompetingSchemas

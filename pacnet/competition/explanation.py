@@ -15,12 +15,12 @@ from pacnet.schemas.memory import EpisodicMemory
 
 
 class Origin(NamedTuple):
-    """A moment of a demonstration."""
+    """A sample of a demonstration."""
 
     episode: int
     """Number of the episode, as it was observed."""
     behaviour: str
-    """What was shown in it."""
+    """Its behaviour."""
     frame: int
     """Index of the sample in its episode."""
 
@@ -38,7 +38,7 @@ class Rival(NamedTuple):
     offset: int
     """Of its cue nearest to the percept."""
     behaviours: tuple[str, ...]
-    """Of the episodes that visited it, in the order of their first time."""
+    """Those of the episodes that visited it, in order of first use."""
 
 
 def origins_of(memory: EpisodicMemory, schema: int, offset: int) -> list[Origin]:

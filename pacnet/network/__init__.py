@@ -1,4 +1,4 @@
-"""The whole of the paper: `PACNet`, and its earlier system, `SchemaNetwork`."""
+"""The paper's two systems: `PACNet`, and the earlier `SchemaNetwork`."""
 
 from pacnet.network.config import PACNetConfig, SchemaNetworkConfig
 from pacnet.network.network import PACNet

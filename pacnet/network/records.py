@@ -26,7 +26,7 @@ class Decision(NamedTuple):
     target: Any
     """Motor target, `[A]` or `[T, A]`; a row of NaN where there is none."""
     has_target: Any
-    """Whether there is one: the match is good and the winner has a schema that is confident."""
+    """Whether there is a target: the percept matches and a schema is confident."""
     winner: Any
     """Nearest node, int64 `[T]`, or `NO_NODE`."""
     activation: Any
@@ -34,13 +34,13 @@ class Decision(NamedTuple):
     is_novel: Any
     """Whether the activation is under the novelty threshold, bool `[T]`."""
     offset: Any
-    """Place of the target in its schema's sequence, int64 `[T]`; −1 without a target."""
+    """Offset of the target in its schema's sequence, int64 `[T]`; −1 without a target."""
     schema: Any
     """Id of the target's schema, int64 `[T]`, or `NO_SCHEMA`. With one per node, the winner."""
     action: Any = None
     """`[U]` or `[T, U]`; a row of NaN where there is none; None without a forward model."""
     has_action: Any = False
-    """Whether there is one; without one the caller's default behaviour acts."""
+    """Whether there is an action; without one the caller's default behaviour acts."""
 
     @property
     def abstained(self) -> Any:

@@ -80,7 +80,7 @@ class NetworkState(nn.Module):
 
     @property
     def behaviours(self) -> tuple[str, ...]:
-        """Names of what was shown, in the order of their first time; () with one schema a node."""
+        """Names of the demonstrated behaviours, in order of first use, where they are kept."""
         return tuple(self.schemas.behaviours)
 
     @contextmanager

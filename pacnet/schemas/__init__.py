@@ -1,4 +1,4 @@
-"""What a node remembers: sequences of targets."""
+"""Motor schemas: the sequences of targets that nodes remember."""
 
 from pacnet.schemas.motor_schemas import MotorSchemas, MotorSchemasConfig
 from pacnet.schemas.targets import targets_ahead

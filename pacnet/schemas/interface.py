@@ -22,7 +22,7 @@ _Own = TypeVar("_Own", bound="Schemas")
 
 
 class Samples(NamedTuple):
-    """T samples of an episode, in order of time, as the map passes them on."""
+    """T samples of an episode, in order of time."""
 
     node: Tensor
     """The winner, int64 `[T]`; used only where it is habituated."""
@@ -39,15 +39,14 @@ class Samples(NamedTuple):
 class Target(NamedTuple):
     """The current target of a motor schema, at one percept or at each of T percepts.
 
-    Its fields are an array and two integers, or arrays or tensors of T rows. At one percept without
-    a target there is no `Target`; among T, its row holds NaN, −1 and −1.
+    The fields are an array and two integers, or arrays or tensors of T rows. A row without a target
+    holds NaN, −1 and −1.
     """
 
     target: Any
     """`[A]`, or `[T, A]`."""
     offset: Any
-    """Its place in the schema's sequence, or int64 `[T]`; with several nearest cues, of the
-    nearest."""
+    """Its offset in the schema's sequence, or int64 `[T]`; that of the nearest cue."""
     schema: Any
     """The schema's id, or int64 `[T]`."""
 
@@ -56,7 +55,7 @@ class Schemas(Sequences, ABC):
     """Motor schemas of the nodes of a map, in the order of its nodes."""
 
     behaviours: list[str]
-    """Names of what was shown, in the order of their first time; empty where none are kept."""
+    """Names of the demonstrated behaviours, in order of first use; empty where none are kept."""
 
     @abstractmethod
     def __len__(self) -> int:

@@ -75,7 +75,7 @@ class EpisodicMemory(Schemas):
         config: see `EpisodicMemoryConfig`.
 
     Attributes:
-        behaviours: names of what was shown, in the order of their first time.
+        behaviours: names of the demonstrated behaviours, in order of first use.
     """
 
     config: EpisodicMemoryConfig

@@ -96,7 +96,7 @@ class MotorSchemas(Schemas):
         return len(episodes), max(episodes, default=NO_EPISODE)
 
     def reset(self) -> None:
-        """Start a recall episode: forget every offset."""
+        """Start a new recall episode: forget all offsets."""
         self._offsets.clear()
 
     def add_node(self) -> int:
@@ -111,7 +111,7 @@ class MotorSchemas(Schemas):
         self._offsets = {}
 
     def begin_episode(self, number: int, behaviour: str) -> None:
-        """Do nothing: each sample says which episode it is of."""
+        """Do nothing: `add_samples` is given the episode's number."""
 
     @torch.no_grad()
     def write(
@@ -162,8 +162,8 @@ class MotorSchemas(Schemas):
 
         With `recall_by="cue"` it is the target of the nearest cue (ties go to the lowest index), or
         the mean over the `nearest_cues` nearest, or over all if there are fewer. With
-        `recall_by="order"` the offset starts at 0 and advances by one while the node keeps winning;
-        a node that wins again within the episode continues where it was, and the last target stays.
+        `recall_by="order"` the offset starts at 0 and advances by one at each win in the episode;
+        at the end of the sequence it stays.
         """
         if self.config.recall_by == "order":
             return self._recall_by_order(node)
@@ -188,7 +188,7 @@ class MotorSchemas(Schemas):
         """See `Schemas.for_recall`."""
         schemas = snapshot_of(self)
         if schemas.config.recall_by == "cue":
-            # Its tensors do not change, so the cache need not be compared with them.
+            # Its tensors do not change, so the cache is always valid.
             schemas._cache = BufferVersions(), *schemas._kernel_arguments()
         return schemas
 
@@ -212,11 +212,11 @@ class MotorSchemas(Schemas):
         return self._cache[1], self._cache[2]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the cache out, so that a copy looks up its own tensors."""
+        """Leave the cache out of copies, which have other tensors."""
         return {**self.__dict__, "_cache": None}
 
 
 def _restart_recall(schemas: nn.Module, _incompatible_keys: object) -> None:
-    """Forget offsets in the sequences that were there before a load."""
+    """Forget the offsets, which are of the sequences before a load."""
     assert isinstance(schemas, MotorSchemas)
     schemas.reset()
