@@ -23,14 +23,14 @@ from pacnet.core.growable_rows import as_array
 from pacnet.core.old_names import old_names
 from pacnet.core.validation import as_batch, check_index, is_number
 from pacnet.schemas.consolidation import consolidate
-from pacnet.schemas.interface import Samples, Target, check_episode
+from pacnet.schemas.interface import Samples, Schemas, Target, check_episode
 from pacnet.schemas.memory import EpisodicMemory
 from pacnet.schemas.sequences import compact
 from pacnet.schemas.visits import add_samples
 
 
 @old_names(passes="visits")
-class CompetingSchemas(EpisodicMemory):
+class CompetingSchemas(EpisodicMemory, Schemas):
     """Motor schemas of which a node has several.
 
     Learning: while an episode lasts, each of its visits (`pacnet.schemas.visits`) has a schema of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from pacnet.competition.belief import RecognitionConfig
 from pacnet.competition.winner_take_all import CompetitionConfig
@@ -32,7 +33,7 @@ class CompetingSchemasConfig(EpisodicMemoryConfig):
     threshold: float = 0.01
     margin: float = 0.1
     recognition: RecognitionConfig = field(default_factory=RecognitionConfig)
-    type: str = field(default="competing_schemas", init=False, repr=False)
+    type: ClassVar[str] = "competing_schemas"
 
     def __post_init__(self) -> None:
         """Validate the fields."""

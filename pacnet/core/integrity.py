@@ -7,7 +7,6 @@ on every load, before anything is copied, and before a checkpoint is replaced.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeGuard
 
@@ -23,7 +22,6 @@ Checks = dict[str, Tensor | bool]
 _FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 _EXTRA = "_extra_state"
 _FORWARD_MODEL = "forward_model"  # a child that checks its own tensors
-_loading = threading.local()
 
 
 def check_on_load(module: nn.Module) -> None:
@@ -31,24 +29,11 @@ def check_on_load(module: nn.Module) -> None:
     module.register_load_state_dict_pre_hook(_check_loaded)
 
 
-def _check_loaded(
-    module: Any,
-    state_dict: Tensors,
-    prefix: str,
-    _metadata: object,
-    _strict: object,  # always True, even where the caller's is not
-    missing_keys: list[str],
-    *_: object,
-) -> None:
-    # A parent has checked its children. All modules of one load share the list of missing keys.
-    load, checked = getattr(_loading, "checked", (None, ""))
-    if load is missing_keys and prefix.startswith(checked):
-        return
-    module.check_state(part_of(state_dict, prefix))
+def _check_loaded(module: Any, state_dict: Tensors, prefix: str, *_: object) -> None:
+    module.check_state(part_of(state_dict, prefix))  # torch tells no hook that a load is not strict
     for name, buffer in module.named_buffers():
         if not isinstance(module.get_submodule(name.rpartition(".")[0]), GrowableRows):
             check_storage(name, buffer)  # it is copied to
-    _loading.checked = missing_keys, prefix
 
 
 def check_structure(module: nn.Module, tensors: Tensors) -> None:

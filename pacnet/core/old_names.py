@@ -90,6 +90,8 @@ def _rename_loaded(
 ) -> None:
     for name in [name for name in tensors if name.startswith(prefix)]:
         parts = name[len(prefix) :].split(".")
+        if "forward_model" in parts:  # a caller's own, with names of its own
+            continue
         new = prefix + ".".join(new_by_old.get(part, part) for part in parts)
         if new != name:
             tensors[new] = tensors.pop(name)

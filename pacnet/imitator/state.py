@@ -139,7 +139,11 @@ class ImitatorState(nn.Module):
         with self.network.state_lock:
             tensors, reports = self.state_dict(), [report._asdict() for report in self.reports]
         self.check_state(tensors)
-        fields = {**asdict(self.config), "reports": reports}
+        fields = {
+            **asdict(self.config),
+            "network": self.config.network.to_dict(),
+            "reports": reports,
+        }
         save_checkpoint(folder, "Imitator", fields, tensors)
 
     @classmethod

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pacnet.attention.config import SOFMConfig
@@ -38,9 +38,14 @@ class PACNetConfig:
                 f"expected schemas.percept_dimensions = attention.dimensions = {percept}, got {cue}"
             )
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fields as JSON holds them, with the kind of motor schemas as their `type`."""
+        schemas = {"type": self.schemas.type, **asdict(self.schemas)}
+        return {"attention": asdict(self.attention), "schemas": schemas}
+
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> PACNetConfig:
-        """Rebuild what `dataclasses.asdict` gave, after JSON.
+        """Rebuild what `to_dict` gave, after JSON.
 
         Raises:
             ValueError: a field is missing, unknown or out of range.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
 
@@ -131,7 +130,7 @@ class NetworkState(nn.Module):
         tensors = self.state_dict()
         own = {name: t for name, t in tensors.items() if not name.startswith(FORWARD_MODEL)}
         self.check_state(own)
-        save_checkpoint(folder, "PACNet", asdict(self.config), own)
+        save_checkpoint(folder, "PACNet", self.config.to_dict(), own)
 
     @classmethod
     def from_pretrained(

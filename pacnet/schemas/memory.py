@@ -19,8 +19,8 @@ from pacnet.core.validation import (
     is_integer,
     is_number,
 )
-from pacnet.schemas.interface import NO_EPISODE, Schemas
-from pacnet.schemas.sequences import INTEGER
+from pacnet.schemas.interface import NO_EPISODE
+from pacnet.schemas.sequences import INTEGER, Sequences
 from pacnet.schemas.state_checks import episodes_hold, references_hold, sequences_hold
 
 
@@ -65,7 +65,7 @@ class EpisodicMemoryConfig:
         check_fields(self, checks)
 
 
-class EpisodicMemory(Schemas):
+class EpisodicMemory(Sequences):
     """A store of episodes: schemas, and the visits of episodes to them.
 
     A visit is a stretch of an episode at one habituated node. A schema that several episodes visit
@@ -104,7 +104,7 @@ class EpisodicMemory(Schemas):
         self.visits = GrowableRows(
             {"episode": INTEGER, "schema": INTEGER, "first": INTEGER, "last": INTEGER}
         )
-        self.behaviours = []
+        self.behaviours: list[str] = []
         self.register_buffer("nodes", torch.tensor(0))
         copy_on_state_dict(self)
         check_on_load(self)

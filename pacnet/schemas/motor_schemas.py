@@ -7,8 +7,8 @@ its cue, the percept it was shown with, so that recall follows the pace of what 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -51,7 +51,7 @@ class MotorSchemasConfig:
     percept_dimensions: int
     recall_by: Literal["cue", "order"] = "cue"
     nearest_cues: int = 1
-    type: str = field(default="motor_schemas", init=False, repr=False)
+    type: ClassVar[str] = "motor_schemas"
 
     def __post_init__(self) -> None:
         """Validate the fields."""
@@ -167,7 +167,9 @@ class MotorSchemas(Schemas):
         """
         if self.config.recall_by == "order":
             return self._recall_by_order(node)
-        targets, offsets, _ = self.recall_all(np.array([node]), percept[None])
+        width, dtype = self._kernel_arguments()[0][3].shape[1], percept.dtype
+        targets, offsets = np.empty((1, width), dtype), np.empty(1, np.int64)
+        self._recall_by_cue(np.array([node]), percept[None], targets, offsets)
         offset = offsets.item()
         return None if offset < 0 else Target(targets[0], offset, node)
 
@@ -175,14 +177,24 @@ class MotorSchemas(Schemas):
         """See `Schemas.recall_all`."""
         if self.config.recall_by == "order":
             return super().recall_all(nodes, percepts)
+        width, dtype = self._kernel_arguments()[0][3].shape[1], percepts.dtype
+        targets, offsets = np.full((len(nodes), width), np.nan, dtype), np.full(len(nodes), NO_NODE)
+        self._recall_by_cue(nodes, percepts, targets, offsets)
+        return Target(targets, offsets, np.where(offsets < 0, NO_NODE, nodes))
+
+    def _recall_by_cue(
+        self,
+        nodes: NDArray[np.int64],
+        percepts: NDArray[np.floating],
+        targets: NDArray[np.floating],
+        offsets: NDArray[np.int64],
+    ) -> None:
+        """Write targets `[T, A]` and offsets `[T]`, −1 where there is no target."""
         arrays, kernel = self._kernel_arguments()
         rows = arrays[2].shape[1]
-        targets = np.full((len(nodes), arrays[3].shape[1]), np.nan, arrays[3].dtype)
-        offsets = np.full(len(nodes), NO_NODE)
         nearest = min(self.config.nearest_cues, rows)
         if not kernel(nodes, percepts, *arrays, nearest, targets, offsets):
             raise ValueError(f"expected sequences within the {rows} rows of the pool")
-        return Target(targets, offsets, np.where(offsets < 0, NO_NODE, nodes))
 
     def for_recall(self) -> MotorSchemas:
         """See `Schemas.for_recall`."""
