@@ -167,9 +167,10 @@ class MotorSchemas(Schemas):
         """
         if self.config.recall_by == "order":
             return self._recall_by_order(node)
-        width, dtype = self._kernel_arguments()[0][3].shape[1], percept.dtype
-        targets, offsets = np.empty((1, width), dtype), np.empty(1, np.int64)
-        self._recall_by_cue(np.array([node]), percept[None], targets, offsets)
+        arguments = self._kernel_arguments()
+        stored = arguments[0][3]
+        targets, offsets = np.empty((1, stored.shape[1]), stored.dtype), np.empty(1, np.int64)
+        self._recall_by_cue(arguments, np.array([node]), percept[None], targets, offsets)
         offset = offsets.item()
         return None if offset < 0 else Target(targets[0], offset, node)
 
@@ -177,20 +178,23 @@ class MotorSchemas(Schemas):
         """See `Schemas.recall_all`."""
         if self.config.recall_by == "order":
             return super().recall_all(nodes, percepts)
-        width, dtype = self._kernel_arguments()[0][3].shape[1], percepts.dtype
-        targets, offsets = np.full((len(nodes), width), np.nan, dtype), np.full(len(nodes), NO_NODE)
-        self._recall_by_cue(nodes, percepts, targets, offsets)
+        arguments = self._kernel_arguments()
+        stored = arguments[0][3]
+        targets = np.full((len(nodes), stored.shape[1]), np.nan, stored.dtype)
+        offsets = np.full(len(nodes), NO_NODE)
+        self._recall_by_cue(arguments, nodes, percepts, targets, offsets)
         return Target(targets, offsets, np.where(offsets < 0, NO_NODE, nodes))
 
     def _recall_by_cue(
         self,
+        arguments: tuple[tuple[NDArray[Any], ...], Any],
         nodes: NDArray[np.int64],
         percepts: NDArray[np.floating],
         targets: NDArray[np.floating],
         offsets: NDArray[np.int64],
     ) -> None:
         """Write targets `[T, A]` and offsets `[T]`, −1 where there is no target."""
-        arrays, kernel = self._kernel_arguments()
+        arrays, kernel = arguments
         rows = arrays[2].shape[1]
         nearest = min(self.config.nearest_cues, rows)
         if not kernel(nodes, percepts, *arrays, nearest, targets, offsets):
