@@ -123,3 +123,18 @@ def test_loading_does_not_rename_the_callers_own_tensors():
     state = {"told.room": torch.ones(2)}
     Parent().load_state_dict(state)
     assert list(state) == ["told.room"]
+
+
+def test_a_forward_model_keeps_names_that_are_old_ones_elsewhere():
+    imitator = nn.Module()
+    imitator.network = nn.Module()
+    imitator.network.forward_model = nn.Module()
+    imitator.network.forward_model.familiarity = nn.Linear(1, 1)
+    imitator.network.forward_model.register_buffer("usual", torch.zeros(1))
+    imitator.novelty_detector = nn.BatchNorm1d(1)
+    rename_on_load(imitator, {"familiarity": "novelty_detector", "usual": "running_mean"})
+    loaded = {name: torch.ones_like(value) for name, value in imitator.state_dict().items()}
+    loaded["familiarity.usual"] = loaded.pop("novelty_detector.running_mean")
+    imitator.load_state_dict(loaded)
+    for name, value in imitator.state_dict().items():
+        assert torch.equal(value, torch.ones_like(value)), name

@@ -2,9 +2,11 @@
 
 import pytest
 import torch
+from torch import nn
 
 from pacnet import (
     Command,
+    HabituatingSOFM,
     MLPForwardModel,
     MLPForwardModelConfig,
     MotorSchemasConfig,
@@ -39,6 +41,26 @@ class Towards:
 
     def reset(self):  # noqa: D102
         self.calls = 0
+
+
+class Learned(nn.Module):
+    """A caller's forward model with a state: a map, and names that this library had before."""
+
+    action_dimensions = 1
+
+    def __init__(self, value: float = 0.0) -> None:
+        super().__init__()
+        self.register_buffer("room", torch.full((2,), value))
+        self.passes = nn.Linear(1, 1)
+        self.passes.register_buffer("room", torch.full((3,), value))
+        self.map = HabituatingSOFM(SOFMConfig.paper(1))
+        self.map.observe(torch.full((3, 1), value))
+
+    def command(self, states, targets):  # noqa: D102
+        return Command(targets - states, torch.ones(len(states), dtype=torch.bool))
+
+    def reset(self):  # noqa: D102
+        pass
 
 
 def trained(forward_model=None, target=0.75) -> PACNet:
@@ -169,6 +191,35 @@ def test_a_checkpoint_holds_the_network_and_not_its_forward_model(tmp_path):
     body = MLPForwardModel.from_pretrained(tmp_path / "body")
     again = PACNet.from_pretrained(tmp_path / "network", forward_model=body)
     assert torch.equal(again.act(HERE).action, network.act(HERE).action)
+
+
+def test_a_forward_model_keeps_its_own_names_when_a_state_is_loaded():
+    saved, loaded = trained(Learned(1.0)), trained(Learned(2.0))
+    state = saved.state_dict()
+    assert {"forward_model.room", "forward_model.passes.room"} < state.keys()
+    loaded.load_state_dict(state)
+    for name, value in loaded.forward_model.state_dict().items():
+        assert torch.equal(value, saved.forward_model.state_dict()[name]), name
+    assert loaded.forward_model.room.tolist() == [1.0, 1.0]
+    assert loaded.forward_model.passes.room.tolist() == [1.0, 1.0, 1.0]
+
+
+def test_old_names_of_schemas_still_load_beside_a_forward_model_that_has_such_names():
+    saved, loaded = trained(Learned(1.0)), trained(Learned(2.0))
+    state = saved.state_dict()
+    state["schemas.blocks.room"] = state.pop("schemas.blocks.capacity")
+    loaded.load_state_dict(state)
+    assert torch.equal(loaded.schemas.lengths, saved.schemas.lengths)
+    assert loaded.forward_model.room.tolist() == [1.0, 1.0]
+
+
+def test_a_forward_model_with_a_damaged_map_is_refused():
+    network = trained(Learned(1.0))
+    state = network.state_dict()
+    state["forward_model.map.nodes.prototype"][0] = torch.nan
+    with pytest.raises(ValueError, match="finite prototypes"):
+        network.load_state_dict(state)
+    assert network.forward_model.map.prototypes.tolist() == [[1.0]]
 
 
 def test_a_forward_model_checkpoint_is_no_network(tmp_path):
