@@ -41,3 +41,13 @@ def test_the_passes_of_schemas_are_their_visits():
     schemas = CompetingSchemas(CompetingSchemasConfig(1, 2))
     with pytest.warns(DeprecationWarning, match="^passes is now visits$"):
         assert schemas.passes is schemas.visits
+
+
+@pytest.mark.parametrize(
+    "fields", [{}, {"margin": 0.25, "recognition": RecognitionConfig(n_states=16)}]
+)
+def test_a_config_comes_back_from_its_fields(fields: dict[str, Any]):
+    config = CompetingSchemasConfig(1, 2, **fields)
+    given = asdict(config)
+    assert isinstance(given["recognition"], dict)
+    assert CompetingSchemasConfig(**given) == config

@@ -241,6 +241,19 @@ def test_the_config_is_json(trained: Imitator, tmp_path: Path):
     trained.save_pretrained(tmp_path)
     config = json.loads((tmp_path / "config.json").read_text())["config"]
     assert config["percepts"]["observation.state"] == ["shoulder", "elbow"]
+    assert config["network"]["schemas"]["type"] == "competing_schemas"
+
+
+def test_a_checkpoint_that_does_not_name_the_kind_of_schemas_loads(
+    trained: Imitator, tmp_path: Path
+):
+    trained.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    del fields["network"]["schemas"]["type"]
+    write_checkpoint(tmp_path, fields, tensors)
+    loaded = Imitator.from_pretrained(tmp_path)
+    assert loaded.config == trained.config
+    assert_same(loaded, trained)
 
 
 @pytest.mark.parametrize(

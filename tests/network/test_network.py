@@ -1,6 +1,7 @@
 """The whole network: what it learns by watching, what it commands, and what it refuses."""
 
 import copy
+import json
 import math
 import signal
 import threading
@@ -20,6 +21,8 @@ from pacnet import (
     PACNetConfig,
     SOFMConfig,
 )
+from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
+from pacnet.schemas.interface import NO_EPISODE
 from pacnet.schemas.sequences import Sequences
 
 
@@ -153,6 +156,27 @@ def test_eval_mode_learns_nothing_and_recall_changes_nothing_learned():
         assert torch.equal(value, before[name]), name
 
 
+@pytest.mark.parametrize("schemas", [MotorSchemasConfig(1, 2), CompetingSchemasConfig(1, 2)])
+def test_a_state_before_the_last_episode_of_its_schemas_is_refused(schemas):
+    network = PACNet(PACNetConfig(SOFMConfig.paper(2), schemas))
+    for episode in (0, 3):
+        network.observe(torch.zeros(15, 2), torch.zeros(15, 1), episode)
+    state = network.state_dict()
+    for episode in (2, NO_EPISODE):
+        with pytest.raises(ValueError, match="expected an episode ≥ −1, the last of all"):
+            network.check_state({**state, "episode": torch.tensor(episode)})
+    for episode in (3, 4):  # one that no node kept may come last
+        network.check_state({**state, "episode": torch.tensor(episode)})
+
+
+@pytest.mark.parametrize("schemas", [MotorSchemasConfig(1, 2), CompetingSchemasConfig(1, 2)])
+def test_an_untrained_state_has_no_episode_and_none_before_that(schemas):
+    network = PACNet(PACNetConfig(SOFMConfig.paper(2), schemas))
+    network.check_state(network.state_dict())
+    with pytest.raises(ValueError, match="expected an episode ≥ −1, the last of all"):
+        network.check_state({**network.state_dict(), "episode": torch.tensor(NO_EPISODE - 1)})
+
+
 def test_learning_goes_on_after_save_and_load(tmp_path):
     network = make_trained()
     network.save_pretrained(tmp_path)
@@ -178,6 +202,30 @@ def test_the_config_survives_json(tmp_path):
     network = PACNet(PACNetConfig(attention, MotorSchemasConfig(1, 2, recall_by="order")))
     network.save_pretrained(tmp_path)
     assert PACNet.from_pretrained(tmp_path).config == network.config
+
+
+@pytest.mark.parametrize(
+    ("schemas", "kind"),
+    [
+        (MotorSchemasConfig(1, 2, nearest_cues=3), "motor_schemas"),
+        (CompetingSchemasConfig(1, 2, nearest_cues=3), "competing_schemas"),
+    ],
+)
+def test_a_checkpoint_names_the_kind_of_schemas_and_older_ones_load_without(
+    schemas, kind: str, tmp_path
+):
+    network = PACNet(PACNetConfig(SOFMConfig.paper(2), schemas))
+    network.save_pretrained(tmp_path)
+    file = tmp_path / "config.json"
+    assert json.loads(file.read_text())["config"]["schemas"]["type"] == kind
+    assert PACNet.from_pretrained(tmp_path).config == network.config
+    fields, tensors = read_checkpoint(tmp_path)
+    del fields["schemas"]["type"]
+    write_checkpoint(tmp_path, fields, tensors)
+    assert "type" not in json.loads(file.read_text())["config"]["schemas"]
+    loaded = PACNet.from_pretrained(tmp_path)
+    assert loaded.config == network.config
+    assert type(loaded.schemas) is type(network.schemas)
 
 
 BAD_PAIRS = {

@@ -1,5 +1,7 @@
 """Motor schemas: the three rules, recall with a position, deletion with the node, the pool."""
 
+from dataclasses import asdict
+
 import pytest
 import torch
 
@@ -182,6 +184,11 @@ def test_a_config_without_meaning_is_refused_by_name(field: str, value: object):
     fields = {"target_dimensions": 1, "percept_dimensions": 1, field: value}
     with pytest.raises(ValueError, match=f"MotorSchemasConfig.{field}.*got"):
         MotorSchemasConfig(**fields)
+
+
+def test_a_config_comes_back_from_its_fields():
+    config = MotorSchemasConfig(1, 2, recall_by="order", nearest_cues=3)
+    assert MotorSchemasConfig(**asdict(config)) == config
 
 
 def test_by_cue_the_distance_is_euclidean_over_every_dimension():
