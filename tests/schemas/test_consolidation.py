@@ -166,6 +166,31 @@ def test_a_spoiled_sequence_does_not_stay_wherever_among_good_ones_it_came(kind:
     assert schemas.blocks.live("support").tolist() == [4]  # it counts all the same
 
 
+@pytest.mark.parametrize(("activation", "renewed"), [(0.54, True), (0.36, False)])
+def test_a_sequence_that_is_far_worse_stays_out_where_its_episode_renews_others(
+    activation: float, renewed: bool
+):
+    """The second node fits 0.6 or 0.4 times as well; 0.5 times is far worse."""
+    schemas = make_schemas()
+    schemas.add_node()
+    for episode in range(2):
+        show(schemas, episode, torch.zeros(40), 0.9)
+        for _ in range(4):
+            schemas.write(
+                1,
+                torch.tensor([0.0, episode]),
+                torch.tensor([5.0]),
+                activation=activation if episode == 1 else 0.9,
+                habituated=True,
+            )
+    # The episode as a whole is good enough: (0.4 ^ 4) ^ (1 / 44) = 0.92, at least 0.75.
+    schemas.begin(2, "")
+    one, other = (schemas.schemas_of(node).tolist() for node in (0, 1))
+    assert schemas.blocks.live("support")[one + other].tolist() == [2, 2]
+    assert schemas.targets(one[0])[0, 1].item() == 1
+    assert schemas.targets(other[0])[0, 1].item() == (1 if renewed else 0)
+
+
 @pytest.mark.parametrize("stretch", [0.1, 10.0])
 def test_far_too_long_or_short_does_not_stay_among_good_ones(stretch: float):
     for place in (0, 1, 2, 3):
