@@ -289,6 +289,31 @@ def test_a_place_has_the_row_that_is_nearest_in_time(seed: int, places: int, for
     np.testing.assert_array_equal(timeline.rows, build_timeline(schemas, places).rows)
 
 
+@pytest.mark.parametrize(
+    ("samples", "expected"),
+    [
+        ("0.1", [0, 0, 1]),
+        ("0..1", [0, 0, 1, 1]),
+        ("0...1", [0, 0, 0, 1, 1]),
+        ("..0.1.", [0, 0, 0, 0, 1, 1]),
+    ],
+)
+def test_a_place_between_two_that_are_equally_near_has_the_row_of_the_earlier(
+    samples: str, expected: list[int]
+):
+    """There is a place for each sample, and a row only where node 0 or node 1 is habituated."""
+    schemas = CompetingSchemas(CompetingSchemasConfig(1, percept_dimensions=1))
+    for _ in range(2):
+        schemas.add_node()
+    schemas.begin(0, "")
+    for sample in samples:
+        node = 0 if sample == "." else int(sample)
+        cue = torch.zeros(1)
+        schemas.write(node, cue, cue, activation=1.0, habituated=sample != ".")
+    schemas.state_dict()  # closes the gaps
+    assert build_timeline(schemas, len(samples)).rows.tolist() == [expected]
+
+
 def test_the_timeline_knows_behaviour_and_pace_of_each_episode():
     schemas = make_random(0, forget=False)
     timeline = build_timeline(schemas, 16)

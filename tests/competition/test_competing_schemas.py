@@ -457,6 +457,17 @@ def test_an_incumbent_stays_until_a_challenger_is_better_by_the_margin(margin: f
     assert recalled(schemas, 0.2, 0.5) == [0.0, pytest.approx(then)]
 
 
+def test_an_incumbent_stays_while_a_percept_is_novel_to_the_map_and_goes_at_reset():
+    schemas = make_schemas(same_schema_similarity=0.99, margin=0.9)
+    for episode, cue in enumerate((0.0, 0.6)):
+        show(schemas, episode, *[cue] * 4, target=cue)
+    assert recalled(schemas, 0.2) == [0.0]
+    assert recalled(schemas, 0.2, node=NO_NODE) == [None]
+    assert recalled(schemas, 0.5) == [0.0]
+    schemas.reset()
+    assert recalled(schemas, 0.5) == [pytest.approx(0.6)]
+
+
 @pytest.mark.parametrize(("threshold", "expected"), [(0.01, None), (0.0, 1.0)])
 def test_a_schema_that_does_not_belong_to_what_is_watched_is_not_recalled(
     threshold: float, expected: float | None
@@ -475,6 +486,14 @@ def test_the_position_is_that_of_the_nearest_cue_and_the_target_the_mean_of_a_fe
     answer = schemas.recall(0, torch.tensor([1.8]))
     assert answer is not None
     assert (answer.target.item(), answer.offset, answer.schema) == (40.0, 2, 0)
+
+
+def test_fewer_cues_than_asked_for_are_all_averaged():
+    schemas = make_schemas(nearest_cues=5)
+    schemas.begin(0, "")
+    for cue, target in ((0.0, 10.0), (0.1, 20.0)):
+        write(schemas, 0, cue, target=target)
+    assert recalled(schemas, 0.0) == [15.0]
 
 
 def test_a_node_passed_twice_does_what_belongs_to_the_time_in_the_episode():
