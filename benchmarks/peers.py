@@ -20,7 +20,7 @@ class Run(NamedTuple):
 
     learn: Callable[[], object]
     size: Callable[[], int]
-    """Returns the number of nodes after learning."""
+    """Return the number of nodes after learning."""
 
 
 class Peer(NamedTuple):
@@ -29,7 +29,7 @@ class Peer(NamedTuple):
     module: str
     does: str
     prepare: Callable[[np.ndarray, int], Run]
-    """Takes the percepts `[T, D]` and the wanted number of nodes."""
+    """Take the percepts `[T, D]` and the wanted number of nodes."""
     grows: bool
 
     @property

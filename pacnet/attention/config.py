@@ -28,7 +28,7 @@ class SOFMConfig:
         insert_at: a new node is put at the `percept` and joined to the winner, or at the `midpoint`
             of winner and percept and joined to winner and runner-up, whose edge is deleted (GWR).
         ignore_when_habituated: a fully habituated node no longer responds (the paper's case 3);
-            otherwise it goes on learning, at a small rate (GWR).
+            otherwise it keeps learning, at a small rate (GWR).
         habituation_scales_learning: the moved fraction is multiplied by the node's habituation
             (GWR); else it is constant (the paper's case 2).
         winner_rate: fraction of the way to the percept that the winner moves, in (0, 1].

@@ -221,8 +221,8 @@ class CompetingSchemas(EpisodicMemory, Schemas):
             percept: normalized, `[D]`.
 
         Returns:
-            The most confident first: the node's, and where none of these is confident, those of
-            other nodes that are. With a margin, the incumbent may have won before the first.
+            Sorted by confidence: the node's schemas; if none of them is confident, before them the
+            confident ones of other nodes. With a margin, the winner may be another than the first.
 
         Raises:
             ValueError: nothing was recalled since `reset`.

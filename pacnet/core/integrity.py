@@ -30,7 +30,7 @@ def check_on_load(module: nn.Module) -> None:
 
 
 def _check_loaded(module: Any, state_dict: Tensors, prefix: str, *_: object) -> None:
-    module.check_state(part_of(state_dict, prefix))  # torch tells no hook that a load is not strict
+    module.check_state(part_of(state_dict, prefix))  # hooks cannot see whether a load is strict
     for name, buffer in module.named_buffers():
         if not isinstance(module.get_submodule(name.rpartition(".")[0]), GrowableRows):
             check_storage(name, buffer)  # it is copied to
@@ -188,7 +188,7 @@ def part_of(tensors: Tensors, prefix: str) -> dict[str, Tensor]:
 
 def are_bounded(rows: Tensor) -> Tensor:
     """Return whether rows are finite, and small enough for their distances to be finite."""
-    # ±MAX_VALUE alone does not refuse infinity in half precision, where it is infinite itself.
+    # In half precision MAX_VALUE overflows to infinity, so `isfinite` is needed too.
     return (rows.isfinite() & (rows.abs() <= MAX_VALUE)).all()
 
 

@@ -137,7 +137,7 @@ def check_indices(name: str, value: object, count: int) -> Tensor:
 
 
 def as_batch(row: Any, *, arrays: bool = False) -> Any:
-    """Return a tensor, or array if asked, `[D]` as a batch `[1, D]`, other values unchanged."""
+    """Return a tensor `[D]` (or array, if `arrays`) as a tensor `[1, D]`, others unchanged."""
     if arrays and isinstance(row, np.ndarray) and not isinstance(row, np.ma.MaskedArray):
         try:
             row = torch.from_numpy(row.copy())

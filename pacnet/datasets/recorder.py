@@ -95,7 +95,7 @@ class Recorder:
         """Open the dataset, after recovering episodes that a killed process recorded into it.
 
         Raises:
-            FileExistsError: there is something at `root` that is no dataset.
+            FileExistsError: `root` exists and is not a dataset.
             BlockingIOError: another process records into the dataset.
             DatasetError: the dataset or its journal cannot be read, its files contradict one
                 another, or its frames have gaps, numbers that are not finite or no episode.
@@ -217,7 +217,7 @@ def recover(root: str | Path) -> int:
 
     Raises:
         BlockingIOError: another process still records.
-        FileExistsError: there is something at `root` that is no dataset.
+        FileExistsError: `root` exists and is not a dataset.
         DatasetError: the dataset or its journal cannot be read, or its files contradict one
             another.
         ValueError: the dataset has got another `fps`, other features or another robot since.

@@ -92,7 +92,7 @@ def train(
     Args:
         network: changed in place, also if an exception interrupts the training.
         samples: inputs and outputs.
-        split: indices of the samples to learn from, and of those that decide when to stop.
+        split: indices of the training samples and of the validation samples.
         generator: for the minibatches.
         progress: called after each epoch.
 

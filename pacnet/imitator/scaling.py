@@ -1,4 +1,4 @@
-"""The scale of percepts: each dimension is measured in units of its own noise.
+"""The scale of percepts: each dimension is divided by its own noise.
 
 Distances sum over the dimensions, so these must be comparable. Dividing by the standard deviation
 would amplify dimensions that are mostly noise, such as the velocity of a joint at rest.

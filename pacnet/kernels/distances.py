@@ -22,7 +22,7 @@ _CHUNK = 512  # rows whose sums stay in the nearest cache
 _INFINITE = np.float32(np.finfo(np.float32).max)  # more than any squared distance
 
 
-# Without `nogil`: to regain the lock from a thread that learns would take longer.
+# Without `nogil`: reacquiring the lock while another thread learns would take longer.
 @njit(cache=True, fastmath={"contract"}, error_model="numpy")
 def squared_distances(percepts, number, columns, first, count, out):
     """Write the squared distances of one of several percepts from a range of rows.

@@ -206,7 +206,7 @@ class PACNet(NetworkState):
         recalled = self.recall(percepts)
         action = percepts.new_full((len(percepts), model.action_dimensions), torch.nan)
         given = torch.zeros_like(recalled.has_target)
-        # One sample after the other: a forward model may have a memory, as a PID has.
+        # One sample after the other: a forward model may have a state, as a PID has.
         for sample in recalled.has_target.nonzero().flatten().tolist():
             here = slice(sample, sample + 1)
             action[here], given[here] = model.command(states[here], recalled.target[here])

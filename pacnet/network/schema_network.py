@@ -259,7 +259,7 @@ class SchemaNetwork(nn.Module):
         targets = decision.activity.targets.where(active[:, :, None], decision.target[:, None])
         commands = states.new_full((*active.shape, model.action_dimensions), torch.nan)
         has_command = torch.zeros_like(active)
-        # One sample after the other, because a forward model may have a memory, as a PID has.
+        # One sample after the other, because a forward model may have a state, as a PID has.
         for sample in decision.has_target.nonzero().flatten().tolist():
             state = states[sample].repeat(len(self), 1)
             commands[sample], has_command[sample] = model.command(state, targets[sample])

@@ -90,7 +90,7 @@ def continue_means(means: Tensor, seen: Tensor, values: Tensor, counts: Tensor) 
     """
     table = pad_sequence(list(values.split(counts.tolist())))  # [most, K]
     rank = torch.arange(1, len(table) + 1, device=means.device)[:, None]
-    # A division by infinity leaves a mean that gets no more values as it is.
+    # Divided by infinity, a change is zero: a mean without further values stays as it is.
     parts = (seen + rank).to(means.dtype).where(rank <= counts, torch.inf)
     for row, part in zip(table.unbind(), parts.unbind(), strict=True):
         means = means + (row - means) / part

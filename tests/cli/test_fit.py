@@ -29,7 +29,7 @@ def test_fit_prints_what_each_episode_changed(
 ):
     assert run("fit", dataset, "--out", tmp_path / "out") == 0
     out, error = capsys.readouterr()
-    assert unannounced(error) == ""  # no progress bar where nobody watches it
+    assert unannounced(error) == ""  # no progress bar outside a terminal
     rows = rows_under("dataset", out)
     saved = Imitator.from_pretrained(tmp_path / "out").network
     assert [row[:4] for row in rows] == [

@@ -45,7 +45,7 @@ def away(schemas: CompetingSchemas, samples: int, cue: float = FAR) -> None:
 def show(
     schemas: CompetingSchemas, episode: int, *cues: float, then: float = FAR, target: float = 0.0
 ) -> None:
-    """An episode that passes through node 0 with these cues, and goes on elsewhere."""
+    """An episode that passes through node 0 with these cues, and continues elsewhere."""
     schemas.begin(episode, "")
     write(schemas, 0, *cues, target=target)
     away(schemas, 5, then)
@@ -327,7 +327,7 @@ class PlainPasses:
         self.episode, self.frame = episode, -1
 
     def write(self, node: int, target: float, habituated: bool) -> None:
-        """Takes in one sample."""
+        """Add one sample."""
         self.frame += 1
         if not habituated:
             return
@@ -567,7 +567,7 @@ def test_elsewhere_an_incumbent_stays_by_the_margin_too(margin: float, then: flo
     for episode, cue in enumerate((0.0, 0.6)):
         show(schemas, episode, *[cue] * 4, target=cue)
     assert recalled(schemas, 0.25, 0.35, node=1) == [0.0, pytest.approx(then)]
-    # Where nobody has won, there is no incumbent.
+    # Without a winner, there is no incumbent.
     assert recalled(schemas, FAR, 0.35, node=1) == [None, pytest.approx(0.6)]
 
 
@@ -595,7 +595,7 @@ def test_saving_between_two_recalls_changes_nothing():
 def test_what_is_learned_between_two_recalls_counts():
     schemas = make_fork()
     schemas.begin(5, "")
-    assert recalled(schemas, 0.0)[0] != 7  # from here on the same episode goes on
+    assert recalled(schemas, 0.0)[0] != 7  # from here on the same episode continues
     write(schemas, 1, *[-2.0] * 5)
     write(schemas, 0, *[0.0] * 5, target=7.0)
     away(schemas, 5, 2.0)
@@ -635,7 +635,7 @@ def test_what_the_competition_refuses_is_refused():
 
 BAD_SAMPLES = {
     "no such node": (3, torch.zeros(1), torch.zeros(1), "node from 0 to 2, got 3"),
-    "nobody": (NO_NODE, torch.zeros(1), torch.zeros(1), "node from 0 to 2, got -1"),
+    "no node": (NO_NODE, torch.zeros(1), torch.zeros(1), "node from 0 to 2, got -1"),
     "target": (0, torch.zeros(2), torch.zeros(1), r"targets.*\[rows, 1\]"),
     "NaN target": (0, torch.tensor([math.nan]), torch.zeros(1), "finite targets"),
     "cue": (0, torch.zeros(1), torch.zeros(1).double(), "cues.*float64"),

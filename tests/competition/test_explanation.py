@@ -35,7 +35,7 @@ def show(
     cue: float = 0.0,
     then: float = ELSEWHERE,
 ) -> None:
-    """An episode that comes to node 0 after so many samples elsewhere, and goes on elsewhere."""
+    """An episode that comes to node 0 after so many samples elsewhere, and continues elsewhere."""
     schemas.begin(episode, behaviour)
     for _ in range(before):
         write(schemas, ELSEWHERE, kept=False)
@@ -137,7 +137,7 @@ def test_what_is_not_there_has_no_origin(schema: int, position: int, message: st
 
 
 def make_fork(**fields: object) -> CompetingSchemas:
-    """Node 0 goes on to +5 (tea, and once milk) or to -5 (milk)."""
+    """After node 0 comes +5 (tea, and once milk) or -5 (milk)."""
     schemas = make_schemas(recognition=RecognitionConfig(n_states=8), **fields)
     for episode, (name, side) in enumerate((("tea", 1), ("milk", -1), ("milk", 1))):
         show(schemas, episode, name, 3, [side * 1.0] * 4, cue=0.1 * side, then=side * 5.0)

@@ -51,7 +51,7 @@ def side_of(episode: int) -> int:
 
 
 def teach(network: PACNet, episodes: int = 4, named: bool = True, **fields: float) -> PACNet:
-    """Shows "up" and "down" alternately."""
+    """Show "up" and "down" alternately."""
     for episode in range(episodes):
         side = side_of(episode)
         name = NAMES[episode % 2] if named else ""
@@ -359,7 +359,7 @@ def test_learning_and_watching_go_on_after_save_and_load(tmp_path):
     assert loaded.config == network.config
     assert loaded.behaviours == NAMES
     percepts, targets = make_episode(-1, noise=0.05, seed=5)
-    for one in (network, loaded):  # the last episode goes on, and another begins
+    for one in (network, loaded):  # the last episode continues, and another begins
         one.observe(percepts[:20], targets[:20], episode=3, behaviour="down")
         one.observe(percepts, targets, episode=4, behaviour="third")
     assert_same_state(network, loaded)
@@ -494,7 +494,7 @@ def test_ctrl_c_while_an_episode_is_learned_leaves_what_was_known(monkeypatch, t
     assert len(called) == 1
     assert_same_state(network, untouched)
     assert network.behaviours == NAMES
-    # What is being watched goes on as if nothing had been.
+    # Recognition continues as if nothing had happened.
     assert_same(network.recognise(percepts[60:]), untouched.recognise(percepts[60:]))
     assert_same(network.recall(percepts[60:]), untouched.recall(percepts[60:]))
     network.save_pretrained(tmp_path)

@@ -26,8 +26,8 @@ def test_under_the_threshold_nobody_competes_and_at_it_one_does():
 @pytest.mark.parametrize("margin", [0.0, 0.5])
 def test_of_no_schemas_nobody_wins(margin):
     rivals = competition(margin=margin)
-    nobody = torch.tensor([NO_SCHEMA, NO_SCHEMA])
-    assert rivals(torch.zeros(2, 0), nobody).tolist() == [NO_SCHEMA, NO_SCHEMA]
+    none = torch.tensor([NO_SCHEMA, NO_SCHEMA])
+    assert rivals(torch.zeros(2, 0), none).tolist() == [NO_SCHEMA, NO_SCHEMA]
     assert rivals.over_time(torch.zeros(2, 0)).tolist() == [NO_SCHEMA, NO_SCHEMA]
 
 
@@ -39,8 +39,8 @@ def test_of_no_schemas_nobody_wins(margin):
         ([0.5, 0.875], 0, 1, "0.375 more is"),
         ([0.25, 0.5], 0, 0, "at the threshold the incumbent competes"),
         ([0.125, 0.25], 0, 1, "the incumbent no longer competes"),
-        ([0.125, 0.1875], 0, NO_SCHEMA, "nobody does"),
-        ([0.5, 0.625], NO_SCHEMA, 1, "nobody defends"),
+        ([0.125, 0.1875], 0, NO_SCHEMA, "none does"),
+        ([0.5, 0.625], NO_SCHEMA, 1, "no incumbent"),
         ([0.75, 0.75], 1, 1, "a tie is the incumbent's"),
     ],
 )
@@ -57,7 +57,7 @@ def test_without_a_margin_incumbents_count_for_nothing():
 
 def test_over_time_each_winner_is_the_next_ones_incumbent():
     confidences = torch.tensor(
-        # 0 leads; 1 is ahead by 0.125, then by 0.25, then by 0.375; then 0 by 0.125; nobody; 0
+        # 0 leads; 1 is ahead by 0.125, then by 0.25, then by 0.375; then 0 by 0.125; none; 0
         [[0.75, 0.5], [0.5, 0.625], [0.5, 0.75], [0.5, 0.875], [0.625, 0.5], [0.0, 0.0], [0.5, 0.5]]
     )
     rivals = competition(threshold=0.25, margin=0.25)

@@ -376,7 +376,7 @@ def test_what_a_killed_recording_locked_is_free(
     process = forks.Process(target=record_and_wait, args=(tmp_path / "new", start, other))
     process.start()
     assert pipe.recv() == start + 1
-    with pytest.raises(BlockingIOError, match="another recording into it goes on"):
+    with pytest.raises(BlockingIOError, match="another one is in progress"):
         record(tmp_path / "new", 0, 0)
     process.kill()
     process.join()

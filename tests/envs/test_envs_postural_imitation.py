@@ -20,7 +20,7 @@ def noiseless():
 
 
 def play(env, policy, seed):
-    """Runs an episode; `policy` is called with the environment before each step."""
+    """Run an episode; `policy` is called with the environment before each step."""
     observation, info = env.reset(seed=seed)
     records, truncated = [(observation, info)], False
     while not truncated:
@@ -45,7 +45,7 @@ def wrist_errors(records):
 
 
 def play_until(env, phase, seed, policy=copy_demonstrator):
-    """Plays until the demonstrator is in the middle of a phase; returns the last info."""
+    """Play until the demonstrator is in the middle of a phase; return the last info."""
     _, info = env.reset(seed=seed)
     while info["phase"] != phase:
         info = env.step_to(policy(env))[-1]

@@ -45,7 +45,7 @@ def env():
 
 
 def put(env, x, y, heading):
-    """Puts the learner somewhere at rest."""
+    """Put the learner somewhere at rest."""
     env.reset(seed=0)
     env._physics.begin(np.array([[x, y, heading]]))
 

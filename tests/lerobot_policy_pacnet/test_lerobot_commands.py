@@ -104,7 +104,7 @@ def start(command: str, *arguments: str, where: Path) -> subprocess.Popen:
 
 
 def run(command: str, *arguments: str, where: Path) -> str:
-    """Runs one of LeRobot's commands to its end."""
+    """Run one of LeRobot's commands to its end."""
     process = start(command, *arguments, where=where)
     printed, _ = process.communicate()
     assert process.returncode == 0, printed[-3000:]

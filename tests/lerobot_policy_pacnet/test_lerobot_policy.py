@@ -633,7 +633,7 @@ def test_processors_change_nothing_but_names_and_shapes(dataset: Demonstrations,
     config, stats = config_of(), meta_of(dataset).stats
     for pipeline in make_pre_post_processors(config, dataset_stats=stats):
         pipeline.save_pretrained(tmp_path)
-    # What lerobot-train overrides when it goes on with another dataset.
+    # What lerobot-train overrides when it continues with another dataset.
     features = {**config.input_features, **config.output_features}
     norm = {"features": features, "norm_map": config.normalization_mapping, "stats": stats}
     before, after = make_pre_post_processors(

@@ -102,7 +102,7 @@ def state_of(model: nn.Module) -> dict[str, Any]:
 
 @contextmanager
 def beside(*works: Callable[[], object]) -> Iterator[list[BaseException]]:
-    """Runs each again and again in a thread of its own; what one raises is raised at the end.
+    """Run each again and again in a thread of its own; what one raises is raised at the end.
 
     The interpreter goes from thread to thread as often as it can, so that it does at every place.
 
@@ -205,7 +205,7 @@ class Explanation:
 
 
 def imitate_beside(lessons: int, steps: int) -> None:
-    """Takes so many steps while so many demonstrations are learned, and compares each answer.
+    """Take so many steps while so many demonstrations are learned, and compare each answer.
 
     An answer must be what a reference that learned k demonstrations gives at this place of this
     episode, and k must not go down.
@@ -405,8 +405,8 @@ def test_two_threads_that_teach_an_imitator_are_as_one_after_the_other():
         while min(done) < 5 and not errors:
             time.sleep(1e-3)
     reference = make_imitator()
-    for told in imitator.reports[1:]:  # in the order in which they came
-        teach(reference, told.episode)
+    for report in imitator.reports[1:]:  # in the order in which they came
+        teach(reference, report.episode)
     assert len(imitator.reports) == 11
     assert imitator.reports == reference.reports
     assert state_of(imitator) == state_of(reference)

@@ -240,7 +240,7 @@ def test_calls_of_step_and_of_recall_go_on_from_one_another(engine: str):
 
 
 class Echo(Towards):
-    """Gives back what it was given: the target, or the state."""
+    """Return its argument: the target, or the state."""
 
     def __init__(self, what: str) -> None:
         self.what = what

@@ -343,7 +343,7 @@ def test_a_checkpoint_keeps_double_precision(tmp_path: Path):
 
 
 def rewrite(folder: Path, change) -> None:
-    """Saves a checkpoint with its tensors changed by hand."""
+    """Save a checkpoint with its tensors changed by hand."""
     from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 
     line().save_pretrained(folder)

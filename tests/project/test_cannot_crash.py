@@ -192,7 +192,7 @@ CASES: dict[str, Callable[[], object]] = {}
 
 
 def dangerous(**options: tuple[Any, ...]) -> Callable[[Callable[..., object]], Any]:
-    """Makes a case of a function for each combination of the options."""
+    """Make a case of a function for each combination of the options."""
 
     def register(function: Callable[..., object]) -> Callable[..., object]:
         for values in itertools.product(*options.values()):
@@ -532,7 +532,7 @@ def sizes_that_contradict_the_tensors() -> None:
 
 
 def run_cases(names: list[str]) -> None:
-    """Runs cases, and prints a line before and behind each."""
+    """Run cases, and print a line before and after each."""
     import faulthandler
 
     faulthandler.enable()
@@ -541,12 +541,12 @@ def run_cases(names: list[str]) -> None:
         print("begin", name, flush=True)
         try:
             CASES[name]()
-        except Exception as error:  # told to who asked
-            told = type(error).__name__, str(error)[:600]
+        except Exception as error:  # reported to the parent process
+            error_text = type(error).__name__, str(error)[:600]
             import traceback
 
             where = "".join(traceback.format_exception(error)[-3:])
-            print("end", json.dumps([name, *told, where[-1500:]]), flush=True)
+            print("end", json.dumps([name, *error_text, where[-1500:]]), flush=True)
         else:
             print("end", json.dumps([name, "", "", ""]), flush=True)
 
@@ -564,9 +564,9 @@ def other_process(names: list[str]) -> Iterator[tuple[str, str]]:
         lines = done.stdout.splitlines()
         for line in lines:
             if line.startswith("end "):
-                name, *told = json.loads(line[4:])
+                name, *error_text = json.loads(line[4:])
                 names.remove(name)
-                yield name, " ".join(told).strip()
+                yield name, " ".join(error_text).strip()
         begun = lines[-1].split()[1] if lines and lines[-1].startswith("begin") else None
         if begun is None:
             assert not names, done.stderr[-3000:]

@@ -16,7 +16,8 @@ BLOCKS = re.findall(r"^```(sh|python)\n(.*?)^```", PAGE, flags=re.DOTALL | re.MU
 
 def run(language: str, code: str, folder: Path) -> None:
     """Run a block of the page in a folder outside the clone, as the page says to set it up."""
-    program = ["bash", "-euc"] if language == "sh" else [sys.executable, "-c"]
+    python = [sys.executable, "-W", "error::DeprecationWarning:__main__", "-c"]
+    program = ["bash", "-euc"] if language == "sh" else python
     commands = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     found = os.pathsep.join(filter(None, [str(PROJECT), os.environ.get("PYTHONPATH")]))
     done = subprocess.run(

@@ -630,7 +630,7 @@ class PlainMap:
         self.clock, self.ties = 0, 0
 
     def step(self, percept: list[float]) -> dict[str, object]:
-        """Learns one percept and tells what an `Observation` tells of it."""
+        """Learn one percept; return the fields of an `Observation` for it."""
         self.clock += 1
         assert self.config.scale is not None
         x = [value * factor for value, factor in zip(percept, self.config.scale, strict=True)]
@@ -641,14 +641,14 @@ class PlainMap:
         best, second = ranked[0], ranked[1] if len(ranked) > 1 else None
         activation = math.exp(-math.dist(best.place, x))
         novelty = self.less(activation, self.config.novelty_threshold)
-        told = self.report(best, second, activation, novelty)
-        told["dishabituated"] = self.wake(best)  # a matter of time alone
+        fields = self.report(best, second, activation, novelty)
+        fields["dishabituated"] = self.wake(best)  # a matter of time alone
         if novelty and (not self.gwr or self.sleeps(best)):
             self.insert(x, best, second)
-            told["inserted"] = True
-            return told
+            fields["inserted"] = True
+            return fields
         if self.sleeps(best) and not self.gwr:
-            return told | {"attended": False, "ignored": True}
+            return fields | {"attended": False, "ignored": True}
         if second is not None:
             self.ages[frozenset((best, second))] = 0
         others = [node for node in self.nodes if frozenset((best, node)) in self.ages]
@@ -657,8 +657,8 @@ class PlainMap:
             self.wake(node)
             if self.gwr or not self.sleeps(node):
                 self.fire(node, x, self.config.neighbour_rate, self.config.neighbour_tau)
-        told["deleted"] = self.prune(best)
-        return told
+        fields["deleted"] = self.prune(best)
+        return fields
 
     def report(
         self,
@@ -668,7 +668,7 @@ class PlainMap:
         novelty: bool,
         inserted: bool = False,
     ) -> dict[str, object]:
-        """What is told of a percept that the map attends to."""
+        """Return the fields for a percept that the map attends to."""
         numbers = [NO_NODE if node is None else self.nodes.index(node) for node in (best, second)]
         return {
             "winner": numbers[0], "runner_up": numbers[1], "activation": activation,

@@ -58,11 +58,11 @@ def test_an_imitator_tells_demonstrations_dimensions_and_rate():
     names = {"observation.state": ("x", "y"), "action": ("motor",)}
     demonstrations = Demonstrations(50, names, (shown,), "turning")
     imitator = Imitator.from_demonstrations(demonstrations)
-    told = "percept_dimensions=2, action_dimensions=1, fps=50"
-    assert repr(imitator).startswith(f"Imitator(\n  demonstrations=0, {told}\n")
+    settings = "percept_dimensions=2, action_dimensions=1, fps=50"
+    assert repr(imitator).startswith(f"Imitator(\n  demonstrations=0, {settings}\n")
     imitator.learn(demonstrations)
     imitator.step(np.float32([1, 0]))
-    assert repr(imitator).startswith(f"Imitator(\n  demonstrations=1, {told}\n")
+    assert repr(imitator).startswith(f"Imitator(\n  demonstrations=1, {settings}\n")
 
 
 def test_a_schema_network_tells_its_schemas():

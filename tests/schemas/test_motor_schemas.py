@@ -16,7 +16,7 @@ def make_schemas(nodes: int = 2, **fields: object) -> MotorSchemas:
 
 
 def write(schemas: MotorSchemas, node: int, *values: float, episode: int = 0) -> None:
-    """Writes targets whose cues are a tenth of them."""
+    """Write targets whose cues are a tenth of them."""
     for value in values:
         target, cue = torch.tensor([float(value)]), torch.tensor([value / 10])
         schemas.write(node, target, cue, episode, habituated=True)

@@ -58,7 +58,7 @@ class PlainEpisode:
         self.samples = 0
 
     def write(self, node: int, activation: float, habituated: bool, target: list, cue: list):
-        """Takes in one sample."""
+        """Add one sample."""
         for known in self.passes:
             if self.samples - known["last"] <= CONTINUATION:
                 known["continuation"] = cue

@@ -1,4 +1,4 @@
-"""Runs tasks on all usable cores; the results do not depend on the number of cores."""
+"""Run tasks on all usable cores; the results do not depend on the number of cores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes frames as a video, MP4 (H.264, by PyAV) or GIF (by Pillow), atomically."""
+"""Write frames as a video, MP4 (H.264, by PyAV) or GIF (by Pillow), atomically."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def read_episodes(root: Path, info: dict[str, Any], features: Sequence[str]) -> 
     """Read these features of a dataset that `info` describes, as finite vectors of numbers."""
     dimensions = {feature: _dimension(info, feature) for feature in features}
     frames = _read_frames(root, dimensions, info["total_frames"])
-    names = {  # the dimensions are confirmed now: a shape may claim any
+    names = {  # the numbers of dimensions are verified by now
         feature: tuple(listed_names(info["features"][feature]) or map(str, range(dimension)))
         for feature, dimension in dimensions.items()
     }

@@ -73,7 +73,7 @@ def check_ready(root: Path, recording: Recording) -> None:
 
 
 def _stage_files(dataset: Dataset, episodes: Sequence[Path], stage: Stage) -> None:
-    """Write the dataset's next files, first those that no reader looks for without the others."""
+    """Write the dataset's next files, those that a reader opens first at the end."""
     tasks = list(dataset.tasks)
     new_paths, rows = _stage_frames(dataset, episodes, tasks, stage)
     check_orphans(dataset, stage.paths)

@@ -35,7 +35,7 @@ class Journal:
 
         Raises:
             BlockingIOError: another process records into the dataset.
-            FileExistsError: there is something at `root` that is no dataset.
+            FileExistsError: `root` exists and is not a dataset.
             DatasetError: the journal holds something other than a recording.
         """
         check_journal(root / JOURNAL)
@@ -86,8 +86,8 @@ def check_folded(root: str | Path) -> None:
     count = len(_episode_files(journal))
     if count and not is_complete(journal):
         raise DatasetError(
-            f"{root} has {count} episodes in its journal: the recording goes on, or was killed and "
-            f"is completed by pacnet.datasets.recover({str(root)!r})"
+            f"{root} has {count} episodes in its journal: it is still being recorded, or "
+            f"was killed and is completed by pacnet.datasets.recover({str(root)!r})"
         )
 
 
@@ -113,7 +113,7 @@ def acquire_lock(root: Path) -> BaseFileLock:
             lock.acquire()
         except Timeout:
             raise BlockingIOError(
-                f"expected to record into {root} alone, another recording into it goes on"
+                f"expected to be the only recording into {root}, another one is in progress"
             ) from None
         except (FileNotFoundError, FileExistsError):  # another process may be closing its journal
             continue
