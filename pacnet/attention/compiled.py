@@ -32,7 +32,7 @@ _NO_NODES = np.zeros(0, np.int64)
 
 
 class CompiledEngine:
-    """Learns and reads in compiled kernels, for maps in float32 on the CPU.
+    """The rule of the map in compiled kernels, for maps in float32 on the CPU.
 
     Between calls it keeps only the lists of each node's edges, which the kernels check and rebuild
     for another map. Threads that learn wait for one another; threads that read do not.

@@ -31,7 +31,7 @@ class _Response(NamedTuple):
 
 
 class EagerEngine:
-    """Learns and reads in plain torch, on every device and in every precision.
+    """The rule of the map in plain torch, for every device and precision.
 
     Args:
         config: of the map.

@@ -80,7 +80,7 @@ def check_folder(option: str, folder: str) -> None:
 
 
 class Formatter(argparse.RawDescriptionHelpFormatter):
-    """Wraps paragraphs, and keeps text with indented lines, such as examples, as it is."""
+    """Formatter that wraps paragraphs, but not text with indented lines, such as examples."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if "\n  " in text:

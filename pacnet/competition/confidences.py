@@ -16,7 +16,7 @@ from pacnet.schemas.memory import EpisodicMemory
 
 
 class SchemaConfidences:
-    """Computes the confidences of some schemas; it holds what does not change during recall.
+    """The confidences of some schemas, with the arrays that do not change during recall.
 
     Args:
         memory: the schemas of all nodes, in a pool without gaps.

@@ -54,7 +54,7 @@ class RecognitionStep(NamedTuple):
 
 
 class Recognizer:
-    """Recognizes one episode, percept by percept.
+    """Recognition of one episode, percept by percept.
 
     Args:
         recall: a recall episode that has just begun.

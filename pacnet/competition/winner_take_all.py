@@ -46,7 +46,7 @@ class CompetitionConfig:
 
 
 class Competition(nn.Module):
-    """Chooses one winner, or none, from the confidences of S schemas.
+    """The choice of one winner, or none, from the confidences of S schemas.
 
     The rules, in this order:
 

@@ -107,7 +107,7 @@ def _adopt(module: nn.Module, draft: nn.Module) -> None:
 
 
 class BufferVersions:
-    """Remembers buffers, and detects later that one was replaced or changed.
+    """A record of buffers, to detect later that one was replaced or changed.
 
     Args:
         modules: all buffers of these modules and their children.

@@ -22,7 +22,7 @@ class RecognizedEpisode:
 
     @property
     def stable_from(self) -> int:
-        """Return the first frame from which on the most probable behaviour did not change."""
+        """Return the first frame from which the most probable behaviour stays the same."""
         most_probable = self.recognition.behaviour
         changes = (most_probable != most_probable[-1]).nonzero()
         return int(changes[-1]) + 1 if len(changes) else 0

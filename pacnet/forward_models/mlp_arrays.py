@@ -35,7 +35,7 @@ class MLPArrays(NamedTuple):
 
 
 class MLPArraysCache:
-    """Keeps the arrays until a tensor or a layer is replaced, or a tensor moves in memory.
+    """A cache of the arrays, valid until a tensor or layer is replaced or a tensor moves.
 
     The arrays share the tensors' memory, which torch cannot resize while they exist.
     """

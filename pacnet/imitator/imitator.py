@@ -32,7 +32,7 @@ from pacnet.schemas.targets import targets_ahead
 
 
 def full_precision() -> AbstractContextManager[object]:
-    """Compute in full precision inside a caller's mixed precision: distances need their digits."""
+    """Compute distances in full precision, also inside a caller's mixed precision."""
     return torch.autocast("cpu", enabled=False)
 
 

@@ -39,7 +39,7 @@ class NoveltyScore(NamedTuple):
     deviation: float
     """Signed difference of this percept from the nearest one learned, in that dimension, scaled."""
     threshold: float
-    """The deviation from which on that dimension is new, scaled."""
+    """The deviation above which that dimension is novel, scaled."""
 
 
 @old_names(usual="typical_deviation", tolerance="thresholds")
@@ -85,7 +85,7 @@ class NoveltyDetector(nn.Module):
 
     @property
     def thresholds(self) -> NDArray[np.float32]:
-        """The deviation from which on each dimension is new, scaled `[D]`.
+        """The deviation above which each dimension is novel, scaled `[D]`.
 
         Raises:
             ValueError: the buffer `typical_deviation` was damaged from outside.
@@ -149,11 +149,11 @@ class NoveltyDetector(nn.Module):
         return novelty
 
     def score(self, percept: NDArray[np.float32], cues: NDArray[np.float32]) -> NoveltyScore:
-        """Score one percept, going on from the last call; nothing is learned.
+        """Score one percept, continuing from the last call; nothing is learned.
 
         Args:
             percept: scaled, `[D]`.
-            cues: all percepts learned, scaled, `[R, D]`; without any, everything is new.
+            cues: all percepts learned, scaled, `[R, D]`; without any, everything is novel.
 
         Raises:
             ValueError: wrong shape or dtype, not finite or too large; nothing has changed.

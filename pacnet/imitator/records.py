@@ -51,7 +51,7 @@ class ImitatorStep(NamedTuple):
     deviation: float
     """Signed difference from the nearest percept learned, in that dimension and its own unit."""
     threshold: float
-    """Deviation from which on percepts are novel, in the same dimension and unit."""
+    """Deviation above which percepts are novel, in the same dimension and unit."""
     decision: Decision
     """What the network recalled, and which node won."""
 

@@ -28,7 +28,7 @@ _SEARCH_ELEMENTS = 2**24  # differences held at once during a search: 64 MB
 
 
 class SchemaNetwork(nn.Module):
-    """Perceptual-motor pairs that compete for the body.
+    """Perceptual-motor pairs that compete to act.
 
     The confidence of a perceptual schema is exp(−d / width), where d is the Euclidean distance from
     the scaled percept to the nearest percept of its sequence; ties go to the lowest index.
@@ -36,7 +36,7 @@ class SchemaNetwork(nn.Module):
     Args:
         config: see `SchemaNetworkConfig`.
         forward_model: turns targets into actions: a `PIDController`, or any other `ForwardModel`.
-            It belongs to the body and not to the schemas, so checkpoints do not contain it.
+            It belongs to the robot and not to the schemas, so checkpoints do not contain it.
 
     Raises:
         ValueError: `forward_model` is not a `ForwardModel`.

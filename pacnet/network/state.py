@@ -139,7 +139,7 @@ class NetworkState(nn.Module):
         forward_model: ForwardModel | None = None,
         engine: Engine = "auto",
     ) -> Self:
-        """Load what `save_pretrained` wrote, on the CPU, ready to recall or to go on learning.
+        """Load what `save_pretrained` wrote, on the CPU, ready to recall or to continue learning.
 
         Args:
             folder: of the checkpoint.

@@ -80,7 +80,7 @@ class Schemas(Sequences, ABC):
 
     @abstractmethod
     def begin_episode(self, number: int, behaviour: str) -> None:
-        """Begin a learning episode in place, or go on with the last one; arguments are checked."""
+        """Begin a learning episode in place, or continue the last one; arguments are checked."""
 
     @abstractmethod
     def add_samples(self, samples: Samples, episode: int) -> None:

@@ -1,4 +1,4 @@
-"""Declares which findings of the checker `rdq` are expected in a dataset, and why.
+"""Declare which findings of the checker `rdq` are expected in a dataset, and why.
 
 `rdq` reads `meta/rdq_expected.yaml` and does not warn about the findings declared there.
 """

@@ -121,7 +121,7 @@ def _stage_frames(
 
 
 class _DataFiles(ExitStack):
-    """Writes new data files, with one row group per episode; a full one is followed by another."""
+    """Writer of new data files, one row group per episode; after a full one it starts another."""
 
     def __init__(self, dataset: Dataset, stage: Stage) -> None:
         super().__init__()
