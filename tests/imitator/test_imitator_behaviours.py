@@ -24,4 +24,4 @@ def test_the_first_behaviour_still_succeeds_after_two_more(tmp_path: Path):
         imitator.learn(dataset)
     environment = make_environment(Condition())
     tried = [attempt(imitator, environment, Situation(56100 + i, USUAL)) for i in range(4)]
-    assert all(one.needs_nobody for one in tried)
+    assert all(one.is_autonomous for one in tried)
