@@ -163,7 +163,7 @@ def test_ctrl_c_while_recalling_keeps_dataset_and_checkpoint(tmp_path: Path):
         os.kill(process.pid, signal.SIGINT)
         text += process.stderr.read()
     assert process.returncode == 130, text
-    assert "Interrupted. What was finished is in" in text
+    assert "Interrupted. Finished results are in" in text
     assert "Traceback" not in text
     folder = only_run(tmp_path)
     assert len(load_demonstrations(folder / "dataset")) == 2

@@ -300,7 +300,7 @@ def test_a_dataset_that_cannot_be_copied_is_still_recognized(
     monkeypatch.setattr(sys, "argv", list(map(str, arguments)))
     recognise.main()
     (message,) = [line for line in capsys.readouterr().err.splitlines() if "note: " in line]
-    assert "no copy of the dataset will be written: " in message
+    assert "the dataset will not be copied: " in message
     assert "has observation.eye" in message
     (folder,) = (tmp_path / "recognise").iterdir()
     assert {path.name for path in folder.iterdir()} == {"figures", "metrics.json"}

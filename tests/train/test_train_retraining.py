@@ -309,7 +309,7 @@ def test_ctrl_c_keeps_the_replicates_that_are_finished(tmp_path: Path):
         os.kill(process.pid, signal.SIGINT)
         text += process.stderr.read()
     assert process.returncode == 130, text
-    assert "Interrupted. What was finished is in" in text
+    assert "Interrupted. Finished results are in" in text
     assert "Traceback" not in text
     scores = json.loads((only_run(tmp_path) / "metrics.json").read_text())
     assert 1 <= len(scores["replicates"]) < 20

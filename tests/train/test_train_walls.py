@@ -983,7 +983,7 @@ def interrupt(script: str, bar: str, runs: Path) -> str:
         os.kill(process.pid, signal.SIGINT)
         text += process.stderr.read()
     assert process.returncode == 130, text
-    assert f"Interrupted. What was finished is in {only_run(runs)}" in text
+    assert f"Interrupted. Finished results are in {only_run(runs)}" in text
     assert "Traceback" not in text
     return text
 
