@@ -1,8 +1,6 @@
 """Experiment 1: seeds, files of a run, repeatability, success."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +8,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from training_runs import interrupt, only_run
 
 from pacnet import PACNet
 from pacnet.datasets.demonstrations import load_demonstrations
@@ -22,11 +21,6 @@ SHIPPED = PROJECT / "checkpoints" / "postural_imitation"
 def run_script(module: str, *arguments: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", f"train.{module}", *map(str, arguments)]
     return subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
-
-
-def only_run(runs: Path) -> Path:
-    (folder,) = runs.glob("*/*")
-    return folder
 
 
 def test_demonstrations_and_recall_never_share_a_seed():
@@ -146,25 +140,7 @@ def test_a_missing_checkpoint_ends_with_one_line_and_an_exit_code(tmp_path: Path
 @pytest.mark.slow
 def test_ctrl_c_while_recalling_keeps_dataset_and_checkpoint(tmp_path: Path):
     command = [sys.executable, "-m", "train.postural_imitation", "--demonstrations", "2"]
-    process = subprocess.Popen(
-        [*command, "--runs", str(tmp_path)],
-        cwd=PROJECT,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        # A background job hands down an ignored SIGINT.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    with process:
-        assert process.stderr is not None
-        text = ""
-        while "recalling:" not in text:
-            text += process.stderr.read(1)
-        os.kill(process.pid, signal.SIGINT)
-        text += process.stderr.read()
-    assert process.returncode == 130, text
-    assert "Interrupted. Finished results are in" in text
-    assert "Traceback" not in text
+    interrupt([*command, "--runs", str(tmp_path)], tmp_path, lambda text: "recalling:" in text)
     folder = only_run(tmp_path)
     assert len(load_demonstrations(folder / "dataset")) == 2
     assert len(PACNet.from_pretrained(folder / "checkpoint").sofm) > 1

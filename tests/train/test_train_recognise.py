@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
+from recognitions import make_recognition
 from torch import Tensor
 
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
@@ -27,25 +28,6 @@ PROJECT = Path(__file__).parents[2]
 BEHAVIOURS = ("drink", "wave")
 
 
-def recognised(named: list[int], progress: list[float], novelty: list[float]) -> Recognition:
-    """A recognition of two behaviours, written by hand; the named one has a probability of 0.8."""
-    behaviour, samples = torch.tensor(named), len(named)
-    probability = torch.full((samples, 2), 0.2)
-    probability[torch.arange(samples), behaviour] = 0.8
-    return Recognition(
-        probability=probability,
-        behaviour=behaviour,
-        progress=torch.tensor(progress),
-        next_percept=torch.zeros(samples, 3),
-        end_percept=torch.ones(samples, 3),
-        novelty=torch.tensor(novelty),
-        is_novel=torch.tensor(novelty) > 0.5,
-        winner=torch.tensor(
-            [-1 if value > 0.7 else sample for sample, value in enumerate(novelty)]
-        ),
-    )
-
-
 def watched(task: str, recognition: Recognition, episode: int = 0) -> RecognizedEpisode:
     nothing = torch.zeros(len(recognition.winner), 3)
     return RecognizedEpisode(
@@ -53,9 +35,9 @@ def watched(task: str, recognition: Recognition, episode: int = 0) -> Recognized
     )
 
 
-RIGHT = watched("drink", recognised([1, 0, 1, 0, 0], [0.0, 0.25, 0.5, 0.75, 0.9], [0.1] * 5))
-WRONG = watched("drink", recognised([1, 1, 1], [0.0, 0.3, 1.0], [0.1, 0.6, 0.8]), 1)
-OTHER = watched("juggle", recognised([0, 0], [0.0, 0.0], [0.9, 0.9]), 2)
+RIGHT = watched("drink", make_recognition([1, 0, 1, 0, 0], [0.0, 0.25, 0.5, 0.75, 0.9], [0.1] * 5))
+WRONG = watched("drink", make_recognition([1, 1, 1], [0.0, 0.3, 1.0], [0.1, 0.6, 0.8]), 1)
+OTHER = watched("juggle", make_recognition([0, 0], [0.0, 0.0], [0.9, 0.9]), 2)
 
 
 def test_scores_of_an_episode_are_those_worked_out_by_hand():
@@ -78,7 +60,7 @@ def test_scores_of_an_unknown_task_named_from_the_start():
 
 
 def test_an_episode_of_one_frame_has_scores():
-    one = watched("wave", recognised([1], [0.25], [0.1]))
+    one = watched("wave", make_recognition([1], [0.25], [0.1]))
     assert score_episode(one, BEHAVIOURS, 10)["progress_error_mean"] == pytest.approx(0.25)
 
 

@@ -1,8 +1,6 @@
 """Spoiled demonstrations: random draws, policies, scores, files of a run."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
 from collections import Counter
@@ -10,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from training_runs import interrupt, only_run
 
 from envs.mishaps import MISHAPS
 from pacnet import PACNet
@@ -242,11 +241,6 @@ def command(runs: Path, replicates: int) -> list[str]:
     return [*module, *options, "--replicates", str(replicates), "--runs", str(runs)]
 
 
-def only_run(runs: Path) -> Path:
-    (folder,) = runs.glob("*/*")
-    return folder
-
-
 @pytest.fixture(scope="module")
 def two_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folders = []
@@ -292,24 +286,6 @@ def test_the_same_seed_gives_the_same_bytes(two_runs: list[Path]):
 
 @pytest.mark.slow
 def test_ctrl_c_keeps_the_replicates_that_are_finished(tmp_path: Path):
-    process = subprocess.Popen(
-        command(tmp_path, 20),
-        cwd=PROJECT,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        # A background job hands down an ignored SIGINT.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    with process:
-        assert process.stderr is not None
-        text = ""
-        while not list(tmp_path.glob("*/*/metrics.json")):
-            text += process.stderr.read(1)
-        os.kill(process.pid, signal.SIGINT)
-        text += process.stderr.read()
-    assert process.returncode == 130, text
-    assert "Interrupted. Finished results are in" in text
-    assert "Traceback" not in text
+    interrupt(command(tmp_path, 20), tmp_path, lambda _: list(tmp_path.glob("*/*/metrics.json")))
     scores = json.loads((only_run(tmp_path) / "metrics.json").read_text())
     assert 1 <= len(scores["replicates"]) < 20

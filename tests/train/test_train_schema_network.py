@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from training_runs import only_run
 
 from pacnet import NO_NODE, MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
 from pacnet.network.schema_network import SchemaNetwork
@@ -205,11 +206,6 @@ def test_the_figures_say_what_is_shown():
     assert [bar.get_width() for bar in bars.axes[0].patches] == [20, 30, 4, 5]
     for drawn in (figure, rows, bars):
         drawn.draw_without_rendering()
-
-
-def only_run(folder: Path) -> Path:
-    (run,) = folder.glob("*/*")
-    return run
 
 
 @pytest.fixture(scope="module")

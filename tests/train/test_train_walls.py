@@ -16,6 +16,7 @@ import pytest
 import torch
 from checkers import assert_clean
 from PIL import Image
+from training_runs import interrupt, only_run
 
 from envs.arena import make_arena
 from envs.arena_physics import ArenaPhysics
@@ -822,11 +823,6 @@ def run_script(module: str, *arguments: object) -> subprocess.CompletedProcess[s
     return subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
 
 
-def only_run(runs: Path) -> Path:
-    (folder,) = runs.glob("*/*")
-    return folder
-
-
 def tags_of(folder: Path) -> dict[str, list[str]]:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -962,35 +958,15 @@ def test_the_log_holds_learning_curves_figures_the_projector_and_the_film(
     assert list((folder / "tensorboard").glob("**/projector_config.pbtxt"))
 
 
-def interrupt(script: str, bar: str, runs: Path) -> str:
-    """Starts a script, presses Ctrl-C once a bar appears, and gives back what it said."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", f"train.{script}", "--runs", str(runs)],
-        cwd=PROJECT,
-        stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        text=True,
-        # A background job hands down an ignored SIGINT.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    with process:
-        assert process.stderr is not None
-        text = ""
-        while bar not in text:
-            read = process.stderr.read(1)
-            assert read, text
-            text += read
-        os.kill(process.pid, signal.SIGINT)
-        text += process.stderr.read()
-    assert process.returncode == 130, text
-    assert f"Interrupted. Finished results are in {only_run(runs)}" in text
-    assert "Traceback" not in text
-    return text
+def interrupt_at(script: str, bar: str, runs: Path) -> str:
+    """Press Ctrl-C once a bar appears."""
+    command = [sys.executable, "-m", f"train.{script}", "--runs", str(runs)]
+    return interrupt(command, runs, lambda text: bar in text)
 
 
 @pytest.mark.slow
 def test_ctrl_c_while_acting_alone_keeps_datasets_and_checkpoints(tmp_path: Path):
-    interrupt("wall_following", "alone:", tmp_path)
+    interrupt_at("wall_following", "alone:", tmp_path)
     folder = only_run(tmp_path)
     assert len(load_demonstrations(folder / "wandering", environment_state=None)) == 10
     assert len(load_demonstrations(folder / "dataset", environment_state=None)) == 8
@@ -1030,7 +1006,7 @@ def test_ctrl_c_while_replicates_run_ends_them_too(tmp_path: Path):
 
 @pytest.mark.slow
 def test_ctrl_c_while_fitting_keeps_the_dataset(tmp_path: Path):
-    interrupt("forward_model", "fitting:", tmp_path)
+    interrupt_at("forward_model", "fitting:", tmp_path)
     folder = only_run(tmp_path)
     assert len(load_wandering(folder / "dataset").percepts) == wall_learning.TRANSITIONS
     assert not (folder / "checkpoint").exists()
