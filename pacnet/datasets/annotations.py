@@ -82,7 +82,7 @@ def write_annotated(
         with Recorder(copy, int(info["fps"]), features | added, info.get("robot_type")) as recorder:
             for index, (task, annotation) in enumerate(zip(read.tasks, annotations, strict=True)):
                 frames = {
-                    name: values[index].numpy().astype(features[name].dtype)
+                    name: read.split(values)[index].astype(features[name].dtype)
                     for name, values in read.values.items()
                 }
                 recorder.save_episode(task, frames | annotation)
@@ -128,7 +128,7 @@ def _check_values(source: Path, info: Mapping[str, Any], read: "Episodes") -> No
     """Refuse integers that float32 rounds, and tasks that `Recorder` does not store."""
     for name, values in read.values.items():
         integers = "int" in info["features"][name]["dtype"]
-        if integers and any(rows.abs().max() >= _FLOAT32_INTEGERS for rows in values):
+        if integers and np.abs(values).max() >= _FLOAT32_INTEGERS:
             raise DatasetError(
                 f"expected integers in {name!r} that float32 holds, below {_FLOAT32_INTEGERS}, "
                 f"{source} has others"

@@ -1,203 +1,229 @@
-"""Demonstrations read from a LeRobot dataset (format v3.0) into tensors, without LeRobot."""
+"""Demonstrations read from a LeRobot dataset (v3.0, v2.1 or v2.0) into tensors, without LeRobot."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from itertools import pairwise
+import reprlib
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from pacnet.datasets.feature_choice import (
+    ENVIRONMENT_STATE,
+    STATE,
+    Choice,
+    choose_features,
+    explain_missing,
+)
+from pacnet.datasets.format import DatasetError, DatasetWarning, MissingFeature
+from pacnet.datasets.format.angles import find_wraps
 from pacnet.datasets.format.images import Encoder, encode_images
-from pacnet.datasets.format.info import read_info
+from pacnet.datasets.format.info import INFO, is_rate, read_info
+from pacnet.datasets.format.numbers import numbers_text
+from pacnet.datasets.format.times import find_gaps
+from pacnet.datasets.locate import find_dataset, source_name
+from pacnet.datasets.records import ACTION, Demonstration, Demonstrations, dimension_names
 
-STATE, ENVIRONMENT_STATE, ACTION = (
-    "observation.state", "observation.environment_state", "action",
-)  # fmt: skip
+# What imports pyarrow, 0.2 s, is imported where it is used.
+if TYPE_CHECKING:
+    from pacnet.datasets.format.episodes import Episodes
 
-
-@dataclass(frozen=True, eq=False)
-class Demonstration:
-    """One episode in which a task is demonstrated, or a part of it.
-
-    Attributes:
-        episode: index of the episode in its dataset.
-        task: the task in words; where it changes within the episode, that of the first frame.
-        state: measured state of the demonstrator, `[T, S]`; S is 0 without it.
-        environment_state: measured state of the surroundings, `[T, E]`; E is 0 without it.
-        action: the demonstrator's actions or the targets aimed at, `[T, A]`.
-        encoded: encoded images, `[T, F]`; None without encoders.
-        first_frame: the frame of the episode with which it begins, from 0.
-        gaps: its frames, counted from 0, before which time is missing; see `continuous`.
-    """
-
-    episode: int
-    task: str
-    state: Tensor  # [T, S] float32
-    environment_state: Tensor  # [T, E] float32
-    action: Tensor  # [T, A] float32
-    encoded: Tensor | None = None  # [T, F] float32
-    first_frame: int = 0
-    gaps: tuple[int, ...] = ()
-
-    @property
-    def percepts(self) -> Tensor:
-        """State, environment state and encoded images side by side, [T, S + E + F]."""
-        parts = [self.state, self.environment_state]
-        return torch.cat(parts if self.encoded is None else [*parts, self.encoded], dim=1)
-
-    def continuous(self) -> tuple[Demonstration, ...]:
-        """Return its parts between the gaps; itself if there are none."""
-        if not self.gaps:
-            return (self,)
-        bounds = (0, *self.gaps, len(self.state))
-        return tuple(self.part(first, end) for first, end in pairwise(bounds))
-
-    def part(self, first: int, end: int) -> Demonstration:
-        """Return the frames from `first` to before `end`, counted from 0."""
-        return replace(
-            self,
-            state=self.state[first:end],
-            environment_state=self.environment_state[first:end],
-            action=self.action[first:end],
-            encoded=None if self.encoded is None else self.encoded[first:end],
-            first_frame=self.first_frame + first,
-            gaps=tuple(gap - first for gap in self.gaps if first < gap < end),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Demonstrations:
-    """The episodes of a dataset, in the order in which they were recorded.
-
-    Attributes:
-        fps: frames per second [1/s].
-        names: feature name -> names of its dimensions, in the order of the percepts.
-        episodes: the demonstrations.
-        source: name of the dataset.
-        action: the feature that is the action, or several in their order; all others belong to the
-            percept.
-        state: the features that are the robot's state, with which a percept begins; None for the
-            percept's first feature, () for none.
-    """
-
-    fps: float
-    names: Mapping[str, tuple[str, ...]]
-    episodes: tuple[Demonstration, ...]
-    source: str = "demonstrations"
-    action: str | tuple[str, ...] = ACTION
-    state: tuple[str, ...] | None = None
-
-    @property
-    def action_features(self) -> tuple[str, ...]:
-        """The features that are the action."""
-        return (self.action,) if isinstance(self.action, str) else self.action
-
-    @property
-    def state_features(self) -> tuple[str, ...]:
-        """The features that are the robot's state."""
-        return tuple(self.percept_features)[:1] if self.state is None else self.state
-
-    @property
-    def percept_features(self) -> dict[str, tuple[str, ...]]:
-        """Names of each feature of a percept and of its dimensions, in the percept's order."""
-        return {
-            name: parts for name, parts in self.names.items() if name not in self.action_features
-        }
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """Names of an action's dimensions."""
-        return dimension_names({name: self.names[name] for name in self.action_features})
-
-    def continuous(self) -> Demonstrations:
-        """Return them with every episode cut at its gaps, so that nothing is learned across one."""
-        parts = tuple(part for shown in self.episodes for part in shown.continuous())
-        return replace(self, episodes=parts)
-
-    def __iter__(self) -> Iterator[Demonstration]:
-        """Iterate over the demonstrations."""
-        return iter(self.episodes)
-
-    def __len__(self) -> int:
-        """Return the number of demonstrations."""
-        return len(self.episodes)
-
-
-def dimension_names(features: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Return the names of all dimensions, with the feature's name in front if two are the same."""
-    pairs = [(feature, name) for feature, names in features.items() for name in names]
-    names = tuple(name for _, name in pairs)
-    if len(set(names)) < len(names):
-        return tuple(f"{feature}.{name}" for feature, name in pairs)
-    return names
+__all__ = [
+    "ACTION", "ENVIRONMENT_STATE", "STATE", "Demonstration", "Demonstrations", "dimension_names",
+    "load_demonstrations",
+]  # fmt: skip
 
 
 def load_demonstrations(
     root: str | Path,
     *,
-    state: str = STATE,
-    environment_state: str | None = ENVIRONMENT_STATE,
-    action: str = ACTION,
+    state: Choice = STATE,
+    environment_state: Choice = ENVIRONMENT_STATE,
+    action: Choice = ACTION,
     encoders: Mapping[str, Encoder] | None = None,
+    episodes: Iterable[int] | None = None,
+    exclude: Iterable[int] = (),
+    only_where: str | None = None,
+    skip_damaged: bool = False,
 ) -> Demonstrations:
-    """Read every episode of a LeRobot dataset.
+    """Read the episodes of a LeRobot dataset, format v3.0, v2.1 or v2.0.
+
+    Where the files contradict one another the frames count, and a `DatasetWarning` says so. The
+    same tells of gaps in time, across which `Imitator` does not learn, and of angles that wrap.
 
     Images are skipped unless they have encoders. Encoding them needs LeRobot, which decodes them.
 
     Example:
         ```python
         demonstrations = load_demonstrations("drinking", environment_state=None)
+        demonstrations = load_demonstrations("drinking", state=["arm", "hand"], exclude=[3])
         demonstrations = load_demonstrations("drinking", encoders={"observation.images.top": net})
         ```
 
     Args:
-        root: the dataset's folder, the one that holds `meta/` and `data/`.
-        state: feature that becomes `Demonstration.state`.
-        environment_state: feature that becomes `Demonstration.environment_state`, or None; a
-            dataset may lack the default one.
-        action: feature that becomes `Demonstration.action`.
+        root: the dataset's folder, the one that holds `meta/` and `data/`; or `user/name` of one
+            in LeRobot's cache.
+        state: feature that becomes `Demonstration.state`, or several side by side in this order;
+            None for none. The default one may be missing where there is an environment state.
+        environment_state: the same for `Demonstration.environment_state`; a dataset may lack the
+            default one.
+        action: the same for `Demonstration.action`.
         encoders: image or video feature -> function that turns one of its images, a tensor
             `[channels, height, width]` from 0 to 1, into a vector `[F]`. The vectors become
             `Demonstration.encoded`.
+        episodes: indices of the episodes to read; None for all.
+        exclude: indices of episodes to leave out.
+        only_where: boolean feature; only frames where it is true are read, and each run of them
+            is a demonstration of its own.
+        skip_damaged: whether files that cannot be read, and incomplete episodes, are left out with
+            a `DatasetWarning` rather than refused.
 
     Returns:
         The demonstrations, float32 tensors on the CPU.
 
     Raises:
-        DatasetError: the folder or one of its files is missing or damaged, the format is not
-            v3.0, a recording into it is running or was killed, a feature is missing or not a
-            vector of numbers, the counts in `meta/info.json` do not match the frames found, the
-            episodes' indices do not ascend, or a value is not finite.
-        ValueError: an encoder is for a feature that is no image or video, or its vectors are not
-            finite or not of one length.
+        MissingFeature: a feature is missing; the message names the vectors that there are.
+        DatasetError: the folder or one of its files is missing or damaged, the format is another
+            one, a recording into it is running or was killed, a feature is not a vector of
+            numbers, an episode asked for is not there, or a value is not finite.
+        ValueError: a feature is given twice; or an encoder is for a feature that is no image or
+            video, or its vectors are not finite or not of one length.
     """
-    from pacnet.datasets.format.episodes import read_episodes  # imports pyarrow, 0.2 s
+    from pacnet.datasets.format.episodes import read_episodes
+    from pacnet.datasets.format.selection import Selection
     from pacnet.datasets.journal.journal import check_folded
 
-    root = Path(root)
+    name, root = root, find_dataset(root)
     check_folded(root)
     info = read_info(root)
-    if environment_state == ENVIRONMENT_STATE and environment_state not in info["features"]:
-        environment_state = None
-    features = [name for name in (state, environment_state, action) if name is not None]
-    read = read_episodes(root, info, features)
-    names = read.names
-    environment_states = [torch.empty(length, 0) for length in read.lengths]
-    if environment_state is not None:
-        environment_states = read.values[environment_state]
-    encoded = [None] * len(read.indices)
-    if encoders:
-        vectors = encode_images(root, info, encoders)
-        encoded = torch.cat([*vectors.values()], dim=1).split(read.lengths)
-        names |= {
-            feature: tuple(f"{feature}.{index}" for index in range(rows.shape[1]))
-            for feature, rows in vectors.items()
-        }
-    states, actions = read.values[state], read.values[action]
-    episodes = map(
-        Demonstration, read.indices, read.tasks, states, environment_states, actions, encoded
+    features = choose_features(info, state, environment_state, action)
+    vectors = dict.fromkeys([*features.percepts, *features.action])
+    where = () if only_where is None else (only_where,)
+    try:
+        read = read_episodes(
+            root, info, [*vectors, *where], Selection.of(episodes, exclude, skip_damaged)
+        )
+    except MissingFeature as error:
+        raise explain_missing(error, features) from None
+    fps = _rate(root / INFO, info, read)
+    taken = _taken(read, only_where)
+    _check_finite(read, vectors, taken)
+    _tell_wraps(read, vectors, fps)
+    encoded = encode_images(root, info, encoders, read.rows.tolist()) if encoders else {}
+    names = {feature: read.names[feature] for feature in features.percepts}
+    names |= {
+        feature: tuple(f"{feature}.{index}" for index in range(rows.shape[1]))
+        for feature, rows in encoded.items()
+    }
+    names |= {feature: read.names[feature] for feature in features.action}
+    kinds = [_side_by_side(read, kind) for kind in features]
+    images = torch.cat([*encoded.values()], dim=1).split(read.lengths) if encoded else None
+    shown = tuple(
+        part
+        for number, whole in enumerate(_episodes(read, kinds, images, _gaps(fps, read)))
+        for part in _runs(whole, taken[number])
     )
-    return Demonstrations(info["fps"], names, tuple(episodes), root.resolve().name, action)
+    if not shown:
+        raise DatasetError(f"expected frames where {only_where!r} is true, {root.name} has none")
+    chosen = features.action[0] if len(features.action) == 1 else features.action
+    return Demonstrations(fps, names, shown, source_name(name, root), chosen, features.state)
+
+
+def _side_by_side(read: Episodes, features: Sequence[str]) -> tuple[Tensor, ...]:
+    """Return the values of several features `[T, D]` of each episode."""
+    rows = [read.values[name] for name in features]
+    if not rows:
+        rows = [np.empty((len(read.rows), 0), np.float32)]
+    whole = rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)
+    return torch.from_numpy(whole).split(read.lengths)
+
+
+def _episodes(
+    read: Episodes,
+    kinds: Sequence[Sequence[Tensor]],
+    images: Sequence[Tensor] | None,
+    gaps: Sequence[tuple[int, ...]],
+) -> Iterator[Demonstration]:
+    """Yield each whole episode."""
+    encoded = images or [None] * len(read.indices)
+    for number, rows in enumerate(zip(*kinds, encoded, strict=True)):
+        yield Demonstration(read.indices[number], read.tasks[number], *rows, gaps=gaps[number])
+
+
+def _rate(path: Path, info: Mapping[str, Any], read: Episodes) -> float:
+    """Return the frames per second that `meta/info.json` gives, or else the timestamps."""
+    fps = info.get("fps")
+    if is_rate(fps):
+        return fps
+    steps = [] if read.timestamps is None else [*map(np.diff, read.split(read.timestamps))]
+    step = float(np.median(np.concatenate(steps))) if any(map(len, steps)) else 0.0
+    if not step > 0 or not is_rate(1 / step):
+        raise DatasetError(f"{path}: expected fps above 0 and finite, found {reprlib.repr(fps)}")
+    rate = round(1 / step, 2) or 1 / step
+    warnings.warn(
+        f"meta/info.json gives no valid fps ({reprlib.repr(fps)}): the timestamps say {rate:g}",
+        DatasetWarning,
+        stacklevel=3,
+    )
+    return rate
+
+
+def _taken(read: Episodes, only_where: str | None) -> list[NDArray[np.bool_]]:
+    """Return which frames `[T]` of each episode are asked for."""
+    if only_where is None:
+        return read.split(np.ones(len(read.rows), dtype=np.bool_))
+    rows = read.values[only_where]
+    if rows.shape[1] != 1 or not np.isin(rows, (0, 1)).all():
+        raise DatasetError(f"expected {only_where!r} to be true or false in each frame")
+    return read.split(rows[:, 0] == 1)
+
+
+def _runs(whole: Demonstration, taken: NDArray[np.bool_]) -> list[Demonstration]:
+    """Return the parts of an episode in which all frames are asked for."""
+    if taken.all():
+        return [whole]
+    bounds = np.flatnonzero(np.diff(taken, prepend=False, append=False)).reshape(-1, 2)
+    return [whole.part(first, end) for first, end in bounds.tolist()]
+
+
+def _check_finite(
+    read: Episodes, features: Iterable[str], taken: Sequence[NDArray[np.bool_]]
+) -> None:
+    """Refuse numbers that are not finite, and name the episodes to leave out."""
+    mask = np.concatenate(taken)
+    for feature in features:
+        bad = ~np.isfinite(read.values[feature]) & mask[:, None]
+        if not bad.any():
+            continue
+        row, dimension = (int(number) for number in np.argwhere(bad)[0])
+        episode, frame = read.place(row)
+        several = sorted({read.place(int(row))[0] for row in np.flatnonzero(bad.any(axis=1))})
+        raise DatasetError(
+            f"expected finite numbers, found {int(bad.sum())} others in {feature!r}, the first in "
+            f"episode {episode}, frame {frame}, dimension {read.names[feature][dimension]!r}: "
+            f"leave out what has them with --exclude {numbers_text(several)} (exclude= in Python)"
+        )
+
+
+def _gaps(fps: float, read: Episodes) -> list[tuple[int, ...]]:
+    """Return the frames of each episode before which time is missing, after telling of them."""
+    nothing = [None] * len(read.indices)
+    times = nothing if read.timestamps is None else read.split(read.timestamps)
+    frames = nothing if read.frame_indices is None else read.split(read.frame_indices)
+    timing = find_gaps(fps, read.indices, times, frames)
+    for note in timing.notes:
+        warnings.warn(note, DatasetWarning, stacklevel=3)
+    return timing.gaps
+
+
+def _tell_wraps(read: Episodes, features: Iterable[str], fps: float) -> None:
+    """Warn of angles that jump by a full turn."""
+    for feature in features:
+        values = read.split(read.values[feature])
+        for note in find_wraps(values, read.indices, read.names[feature], fps, feature):
+            warnings.warn(note, DatasetWarning, stacklevel=3)

@@ -6,6 +6,7 @@ import json
 import os
 import random
 import shutil
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -18,7 +19,7 @@ import pytest
 
 from pacnet.datasets.annotations import check_annotatable, write_annotated
 from pacnet.datasets.demonstrations import load_demonstrations
-from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format import DatasetError, DatasetWarning
 from pacnet.datasets.format.images import encode_images
 from pacnet.datasets.format.paths import path_inside
 from pacnet.datasets.journal import folding, staging
@@ -394,7 +395,7 @@ def test_no_video_outside_of_the_dataset_is_opened(
     video_path = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
     info = {"features": {key: {"dtype": "video"}}, "video_path": video_path} | changes
     with pytest.raises(DatasetError, match=r"expected (a data_path|a video_path|names of videos)"):
-        encode_images(tmp_path, info, {key: lambda image: image.flatten()})
+        encode_images(tmp_path, info, {key: lambda image: image.flatten()}, [])
 
 
 def test_circular_links_and_existing_destinations(top: Path):
@@ -447,7 +448,9 @@ def test_a_description_of_any_form_is_read_or_refused(made: Path, top: Path):
         (root / INFO).write_text(text)
         for act in (load_demonstrations, open_and_leave):
             try:
-                act(root)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", DatasetWarning)
+                    act(root)
             except ValueError:
                 refused += 1
     (root / INFO).write_bytes(before[root / INFO] or b"")
@@ -681,7 +684,9 @@ def test_a_shape_is_compared_with_the_files(
     entry = {"shape": [10**12], "names": names}
     change_json(root / INFO, lambda info: info["features"][feature].update(entry))
     options = {"state": feature, "action": feature, "environment_state": None}
-    assert_refused(root, lambda root: load_demonstrations(root, **options), "expected numbers in")
+    with pytest.warns(DatasetWarning, match="the shape \\[1000000000000\\]"):
+        demonstrations = load_demonstrations(root, **options)
+    assert demonstrations.names[feature] in (("0", "1"), ("0",))
     with pytest.raises(ValueError, match=r"expected .* as .* in"):
         record(root, 9)
 
@@ -691,23 +696,16 @@ def test_a_shape_is_compared_with_the_files(
 def test_counts_are_compared_with_the_files(made: Path, top: Path, name: str, count: int):
     root = copy_of(made / "plain", top)
     change_json(root / INFO, lambda info: info.update({name: count}))
-    assert_refused(root, load_demonstrations, "counts 10{12}|expected total|counts 10{300}")
+    with pytest.warns(DatasetWarning, match=r"counts (10{12}|10+\.\.\.0+|True) "):
+        assert len(load_demonstrations(root)) == 2
     assert_refused(root, WRITERS["record"])
 
 
 def test_frames_per_second_beyond_floats(made: Path, top: Path):
     root = copy_of(made / "plain", top)
     change_json(root / INFO, lambda info: info.update(fps=10**400))
-    assert_refused(root, load_demonstrations, "expected fps above 0 and finite")
-
-
-def test_frames_are_counted_before_they_are_read(
-    made: Path, top: Path, monkeypatch: pytest.MonkeyPatch
-):
-    root = copy_of(made / "plain", top)
-    change_json(root / INFO, lambda info: info.update(total_frames=7))
-    monkeypatch.setattr("pacnet.datasets.format.parquet.to_numpy", kill)
-    assert_refused(root, load_demonstrations, "counts 7 frames, the data files hold 6")
+    with pytest.warns(DatasetWarning, match=r"no valid fps \(10+\.\.\.0+\): the timestamps say 10"):
+        assert load_demonstrations(root).fps == 10
 
 
 def test_more_rows_than_a_file_can_hold(made: Path, top: Path):

@@ -1,129 +1,180 @@
-"""Every episode of a dataset: its features as tensors, checked, and its task."""
+"""The episodes of a dataset: their features as tensors, checked, with their tasks and time."""
 
-import re
+from __future__ import annotations
+
+import warnings
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from pacnet.datasets.format import DatasetError
-from pacnet.datasets.format.info import image_features, listed_names
-from pacnet.datasets.format.parquet import as_indices, count_rows, read_columns
-from pacnet.datasets.format.tables import TASKS, read_tasks
-
-_INDICES = ("index", "episode_index", "task_index")
+from pacnet.datasets.format import DatasetError, DatasetWarning, MissingFeature
+from pacnet.datasets.format.data_files import (
+    EPISODE,
+    FRAME,
+    INDEX,
+    ROW,
+    TASK,
+    TIME,
+    Columns,
+    read_data_files,
+)
+from pacnet.datasets.format.episode_list import listed_episodes
+from pacnet.datasets.format.info import listed_names
+from pacnet.datasets.format.selection import Selection, selected_episodes
+from pacnet.datasets.format.tables import OLD_TASKS, TASKS, read_tasks
+from pacnet.datasets.format.vectors import check_vectors, missing_features
 
 
 class Episodes(NamedTuple):
-    """The episodes of a dataset, in the order in which they were recorded."""
+    """E episodes of a dataset, N frames, in the order of their indices and of time."""
 
-    indices: list[int]
-    tasks: list[str]  # of the first frame of each
-    lengths: list[int]  # [frames]
+    indices: list[int]  # [E]
+    tasks: list[str]  # [E], of the first frame of each
+    lengths: list[int]  # [E] in frames
     names: dict[str, tuple[str, ...]]  # feature -> names of its dimensions
-    values: dict[str, tuple[Tensor, ...]]  # feature -> [T, D] float32 of each episode
+    values: dict[str, NDArray[np.float32]]  # feature -> [N, D]
+    timestamps: NDArray[np.float64] | None  # [N] in s; None where there are none
+    frame_indices: NDArray[np.int64] | None  # [N]; None where there are none
+    rows: NDArray[np.int64]  # [N], which frames of the whole dataset they are
+
+    def split(self, rows: NDArray[Any]) -> list[NDArray[Any]]:
+        """Return the rows `[N, ...]` of each episode."""
+        bounds = [0, *accumulate(self.lengths)]
+        return [rows[start:end] for start, end in pairwise(bounds)]
+
+    def place(self, row: int) -> tuple[int, int]:
+        """Return the index of the episode of one of the N frames, and its number there."""
+        ends = np.cumsum(self.lengths)
+        number = int(np.searchsorted(ends, row, side="right"))
+        return self.indices[number], row - int(ends[number]) + self.lengths[number]
 
 
-def read_episodes(root: Path, info: dict[str, Any], features: Sequence[str]) -> Episodes:
-    """Read these features of a dataset that `info` describes, as finite vectors of numbers."""
-    dimensions = {feature: _dimension(info, feature) for feature in features}
-    frames = _read_frames(root, dimensions, info["total_frames"])
-    names = {  # the numbers of dimensions are verified by now
-        feature: tuple(listed_names(info["features"][feature]) or map(str, range(dimension)))
-        for feature, dimension in dimensions.items()
-    }
-    starts = _episode_starts(info, frames)
-    for feature in features:
-        _check_finite(frames, feature, names[feature])
-    tasks, task_indices = read_tasks(root), frames["task_index"][starts].tolist()
-    unknown = sorted(set(task_indices) - set(tasks))
-    if unknown:
-        raise DatasetError(f"{root / TASKS}: expected the tasks {unknown}, found {sorted(tasks)}")
-    lengths = np.diff(starts, append=len(frames["index"])).tolist()
+def read_episodes(
+    root: Path, info: dict[str, Any], features: Sequence[str], selection: Selection | None = None
+) -> Episodes:
+    """Read these features of a dataset that `info` describes, as vectors of numbers.
+
+    Where the description contradicts the data, the data count, and a `DatasetWarning` says so.
+
+    Raises:
+        MissingFeature: a feature that is not there.
+        DatasetError: a file is damaged or missing, or frames are there twice or out of order.
+    """
+    selection = selection or Selection()
+    check_vectors(root, info, features)
+    try:
+        files = read_data_files(root, features)
+    except MissingFeature as error:
+        raise missing_features(root, info, error.features) from None
+    columns = _in_order(files.columns)
+    starts = np.flatnonzero(np.diff(columns[EPISODE], prepend=-1))
+    lengths = np.diff(starts, append=len(columns[EPISODE]))
+    there = dict(zip(columns[EPISODE][starts].tolist(), lengths.tolist(), strict=True))
+    indices = selected_episodes(root, info, there, files.damaged, selection)
+    chosen = np.isin([*there], indices)
+    if not chosen.all():
+        kept = np.repeat(chosen, lengths)
+        columns = {name: rows[kept] for name, rows in columns.items()}
+    tasks = columns[TASK][np.cumsum([0, *lengths[chosen][:-1]])] if TASK in columns else None
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused
+        values = {name: columns[name].astype(np.float32) for name in features}
     return Episodes(
-        frames["episode_index"][starts].tolist(),
-        [tasks[index] for index in task_indices],
-        lengths,
-        names,
-        {feature: torch.from_numpy(frames[feature]).split(lengths) for feature in features},
+        indices,
+        _tasks(root, info, indices, tasks, selection),
+        lengths[chosen].tolist(),
+        {name: _names(info, name, rows.shape[1]) for name, rows in values.items()},
+        values,
+        columns.get(TIME),
+        columns.get(FRAME),
+        columns[ROW],
     )
 
 
-def _dimension(info: dict[str, Any], feature: str) -> int:
-    """Return the number of a feature's dimensions as `info` has it."""
-    if feature not in info["features"]:
-        found = ", ".join(sorted(info["features"]))
-        raise DatasetError(f"expected the feature {feature!r}, the dataset has {found}")
-    entry = info["features"][feature]
-    expected = f"expected {feature!r} to be a vector of numbers of shape [D > 0]"
-    if not isinstance(entry, dict):
-        raise DatasetError(f"{expected}, found the description {entry!r}")
-    dtype, shape = entry.get("dtype"), entry.get("shape")
-    if feature in image_features(info):
+def _in_order(columns: Columns) -> Columns:
+    """Return the frames in the order of episodes and time, each of them once; and `ROW`."""
+    episodes = columns[EPISODE]
+    rows = columns.get(INDEX, np.arange(len(episodes)))
+    name = next((name for name in (INDEX, FRAME) if name in columns), None)
+    place = columns[name] if name else rows
+    columns = columns | {ROW: rows}
+    steps, later = np.diff(episodes), np.diff(place) > 0
+    if (steps >= 0).all() and (later | (steps > 0)).all():
+        return columns  # as they are stored, without a copy
+    order = np.lexsort((place, episodes))
+    _check_once(episodes[order], place[order], name)
+    if name == INDEX:
+        _check_in_one_piece(episodes, place)
+    return {name: values[order] for name, values in columns.items()}
+
+
+def _check_once(episodes: NDArray[np.int64], place: NDArray[np.int64], name: str | None) -> None:
+    twice = np.flatnonzero((np.diff(episodes) == 0) & (np.diff(place) == 0))
+    if len(twice):
         raise DatasetError(
-            f"{expected}, found {dtype}s of shape {shape}: percepts are made of them by an "
-            f"encoder, load_demonstrations(..., encoders={{{feature!r}: encoder}})"
+            f"expected each frame once, found {name} {place[twice[0]]} of episode "
+            f"{episodes[twice[0]]} twice"
         )
-    is_vector = isinstance(shape, list) and [*map(type, shape)] == [int] and shape[0] > 0
-    if not is_vector or not re.match("float|u?int|bool", str(dtype)):
-        raise DatasetError(f"{expected}, found dtype {dtype}, shape {shape}")
-    return entry["shape"][0]
 
 
-def _read_frames(
-    root: Path, dimensions: Mapping[str, int], total_frames: float
-) -> dict[str, NDArray[Any]]:
-    """Read the indices `[N]` and the features `[N, D]` of all data files, ordered by `index`."""
-    paths = sorted((root / "data").glob("*/*.parquet"))
-    if not paths:
-        raise DatasetError(f"{root} has no data: expected data/chunk-*/file-*.parquet, found none")
-    found = sum(map(count_rows, paths))
-    if found != total_frames:  # compared before any frame is read
+def _check_in_one_piece(episodes: NDArray[np.int64], index: NDArray[np.int64]) -> None:
+    """Refuse episodes that others interrupt; an index may also begin anew with each of them."""
+    if len(np.unique(index)) < len(index):
+        return
+    n_runs = 1 + np.count_nonzero(np.diff(episodes[np.argsort(index)]))
+    n_episodes = len(np.unique(episodes))
+    if n_runs != n_episodes:
         raise DatasetError(
-            f"meta/info.json counts {total_frames} frames, the data files hold {found}"
+            f"expected the frames of each episode in one run, found {n_episodes} episodes in "
+            f"{n_runs} runs of frames"
         )
-    files = []
-    for path in paths:
-        columns = read_columns(path, {**dict.fromkeys(_INDICES, 1), **dimensions})
-        indices = {name: as_indices(path, name, columns[name][:, 0]) for name in _INDICES}
-        files.append(columns | indices)
-    frames = {name: np.concatenate([file[name] for file in files]) for name in files[0]}
-    order = np.argsort(frames["index"], kind="stable")
-    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused
-        return {
-            name: rows[order].astype(np.float32) if name in dimensions else rows[order]
-            for name, rows in frames.items()
-        }
 
 
-def _episode_starts(info: dict[str, Any], frames: Mapping[str, NDArray[Any]]) -> NDArray[np.intp]:
-    """Return the row at which each episode starts, after comparing the frames with `info`."""
-    last = len(frames["index"]) - 1
-    if not np.array_equal(frames["index"], np.arange(last + 1)):
-        raise DatasetError(f"expected the frames' index to run from 0 to {last} without gaps")
-    starts = np.flatnonzero(np.diff(frames["episode_index"], prepend=-1))
-    expected, found = info["total_episodes"], len(np.unique(frames["episode_index"]))
-    if found != expected or len(starts) != expected:
-        raise DatasetError(
-            f"meta/info.json counts {expected} episodes, the data files hold {found} "
-            f"in {len(starts)} runs of frames"
+def _names(info: Mapping[str, Any], feature: str, dimension: int) -> tuple[str, ...]:
+    """Return the names of a feature's dimensions, made different where they are not."""
+    entry = info["features"].get(feature, {})
+    shape = entry.get("shape")
+    if shape not in ([dimension], None):
+        warnings.warn(
+            f"meta/info.json gives {feature!r} the shape {shape}, its vectors have {dimension} "
+            "dimensions: these are read",
+            DatasetWarning,
+            stacklevel=2,
         )
-    for before, index in pairwise(frames["episode_index"][starts].tolist()):
-        if not before < index:
-            raise DatasetError(f"expected ascending episodes, found {index} after {before}")
-    return starts
+    names = listed_names(entry)
+    if names is None or len(names) != dimension:
+        return tuple(map(str, range(dimension)))
+    if len(set(names)) < len(names):
+        return tuple(f"{name}.{number}" for number, name in enumerate(names))
+    return tuple(names)
 
 
-def _check_finite(frames: Mapping[str, NDArray[Any]], feature: str, names: tuple[str, ...]) -> None:
-    bad = np.argwhere(~np.isfinite(frames[feature]))
-    if len(bad):
-        row, dimension = bad[0]
-        raise DatasetError(
-            f"expected finite numbers, found {len(bad)} others in {feature!r}, the first at index "
-            f"{row} (episode {frames['episode_index'][row]}), dimension {names[dimension]!r}"
-        )
+def _tasks(
+    root: Path,
+    info: Mapping[str, Any],
+    episodes: Sequence[int],
+    numbers: NDArray[np.int64] | None,  # [E], of the first frame of each
+    selection: Selection,
+) -> list[str]:
+    """Return each episode's task: of its first frame, else as the episodes' list has it."""
+    try:
+        if numbers is None:
+            raise DatasetError(f"the data files have no {TASK!r}")
+        tasks, wanted = read_tasks(root), numbers.tolist()
+        unknown = sorted(set(wanted) - set(tasks))
+        if unknown:
+            path = root / (TASKS if (root / TASKS).exists() else OLD_TASKS)
+            raise DatasetError(f"{path}: expected the tasks {unknown}, found {sorted(tasks)}")
+    except DatasetError as error:
+        if numbers is not None and not selection.skip_damaged:
+            hint = "read the episodes without it with --skip-damaged (skip_damaged=True)"
+            raise DatasetError(f"{error}: {hint}") from error
+        listed = listed_episodes(root, info)
+        found = [listed[one].task if one in listed else None for one in episodes]
+        source = "the episodes' list" if any(found) else "nowhere, they have no names"
+        warnings.warn(f"{error}: tasks are taken from {source}", DatasetWarning, stacklevel=2)
+        return [task or "" for task in found]
+    return [tasks[number] for number in wanted]

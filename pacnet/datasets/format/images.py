@@ -3,7 +3,7 @@
 Attention compares percepts by distance, which is meaningful between encodings, not between pixels.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from pacnet.datasets.format import DatasetError
-from pacnet.datasets.format.info import image_features
+from pacnet.datasets.format.info import FORMAT_VERSION, image_features
 from pacnet.datasets.format.paths import check_data_path, check_video_path
 
 Encoder = Callable[[Tensor], Tensor]
@@ -20,12 +20,18 @@ Encoder = Callable[[Tensor], Tensor]
 
 @torch.no_grad()
 def encode_images(
-    root: Path, info: Mapping[str, Any], encoders: Mapping[str, Encoder]
+    root: Path, info: Mapping[str, Any], encoders: Mapping[str, Encoder], frames: Sequence[int]
 ) -> dict[str, Tensor]:
-    """Decode and encode every image of the encoders' features, with a progress bar.
+    """Decode and encode the images of the encoders' features, with a progress bar.
+
+    Args:
+        root: the dataset's folder.
+        info: its description.
+        encoders: image or video feature -> its encoder.
+        frames: N frames of the whole dataset.
 
     Returns:
-        Feature -> vectors of all frames, float32 `[N, F]`.
+        Feature -> vectors of these frames, float32 `[N, F]`.
 
     Raises:
         DatasetError: LeRobot is not installed, or the dataset names files outside of its folder.
@@ -39,6 +45,11 @@ def encode_images(
                 f"expected encoders for images or videos of the dataset "
                 f"({', '.join(found) or 'it has none'}), got one for {feature!r}"
             )
+    if info.get("codebase_version", FORMAT_VERSION) != FORMAT_VERSION:
+        raise DatasetError(
+            f"expected a dataset of format {FORMAT_VERSION} to decode images of, found "
+            f"{info['codebase_version']}: `pacnet export` copies it to {FORMAT_VERSION}"
+        )
     # LeRobot opens whatever files these templates lead it to.
     if info.get("data_path") is not None:
         check_data_path(info["data_path"])
@@ -46,14 +57,14 @@ def encode_images(
     if videos:
         check_video_path(info.get("video_path"), videos)
     vectors: dict[str, list[Tensor]] = {feature: [] for feature in encoders}
-    for frame in _decoded_frames(root):
+    for frame in _decoded_frames(root, frames):
         for feature, encoder in encoders.items():
             rows = vectors[feature]
             rows.append(_checked_vector(feature, encoder(frame[feature]), rows))
     return {feature: torch.stack(rows) for feature, rows in vectors.items()}
 
 
-def _decoded_frames(root: Path) -> Iterator[dict[str, Tensor]]:
+def _decoded_frames(root: Path, frames: Sequence[int]) -> Iterator[dict[str, Tensor]]:
     try:
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
         from tqdm import tqdm
@@ -63,7 +74,7 @@ def _decoded_frames(root: Path) -> Iterator[dict[str, Tensor]]:
         ) from error
     # Any other backend makes LeRobot look for torchcodec, which fails noisily.
     dataset = LeRobotDataset(f"local/{root.name}", root=root, video_backend="pyav")
-    for index in tqdm(range(len(dataset)), "encoding images", unit="frame", leave=False):
+    for index in tqdm(frames, "encoding images", unit="frame", leave=False):
         yield dataset[index]
 
 

@@ -2,31 +2,26 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
-from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format import DatasetError, unreadable
 from pacnet.datasets.format.features import INDEX_COLUMNS, RESERVED, STORED, Recording
-from pacnet.datasets.format.paths import check_data_path
+from pacnet.datasets.format.paths import DATA_PATH, check_data_path
 
 FORMAT_VERSION = "v3.0"
+READ_VERSIONS = ("v2.0", "v2.1", FORMAT_VERSION)
 INFO = "meta/info.json"
-_DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+
 # What LeRobot assumes where a dataset does not say it.
-_DEFAULTS = {"chunks_size": 1000, "data_files_size_in_mb": 100, "data_path": _DATA_PATH}
+_DEFAULTS = {"chunks_size": 1000, "data_files_size_in_mb": 100, "data_path": DATA_PATH}
+
+_MAX_DEPTH = 4  # of nested names
 
 
 def read_info(root: Path) -> dict[str, Any]:
-    """Read the description of a dataset with frames."""
-    info = _read_description(root)
-    for name in ("total_frames", "total_episodes"):
-        _check_positive(root / INFO, info, name)
-    return info
-
-
-def _read_description(root: Path) -> dict[str, Any]:
-    """Read the description of a dataset, with frames or without."""
+    """Read the description of a dataset; its counts and `fps` may be missing or wrong."""
     path = root / INFO
     if not root.is_dir():
         raise DatasetError(f"expected the folder of a LeRobot dataset, found no folder {root}")
@@ -35,38 +30,61 @@ def _read_description(root: Path) -> dict[str, Any]:
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path} cannot be read: {error}") from error
-    version = info.get("codebase_version") if isinstance(info, dict) else None
-    if version != FORMAT_VERSION:
-        raise DatasetError(f"{path}: expected codebase_version {FORMAT_VERSION}, found {version}")
+        raise unreadable(path, error) from error
+    if not isinstance(info, dict):
+        raise DatasetError(f"{path}: expected an object, found {type(info).__name__}")
+    storage = info.get("storage_format")
+    if storage not in (None, "parquet"):
+        raise DatasetError(
+            f"{root} is stored as {storage!r} (storage_format in meta/info.json), which pacnet "
+            "does not read: expected Parquet files, as LeRobot writes by default"
+        )
+    version = info.get("codebase_version")
+    if version not in READ_VERSIONS:
+        raise DatasetError(
+            f"{path}: expected codebase_version {', '.join(READ_VERSIONS)}, found {version}"
+        )
     if not isinstance(info.get("features"), dict):
         raise DatasetError(f"{path}: expected the dataset's features, found {info.get('features')}")
-    _check_positive(path, info, "fps")
     return info
 
 
+def is_rate(fps: object) -> TypeGuard[float]:
+    """Return whether this is a number of frames per second."""
+    if isinstance(fps, bool) or not isinstance(fps, int | float):
+        return False
+    return 0 < fps <= sys.float_info.max
+
+
 def _check_positive(path: Path, info: dict[str, Any], name: str) -> None:
-    value = info.get(name)
-    number = 0 if isinstance(value, bool) or not isinstance(value, int | float) else value
-    if not 0 < number <= sys.float_info.max:
-        raise DatasetError(f"{path}: expected {name} above 0 and finite, found {value!r}")
+    if not is_rate(info.get(name)):
+        raise DatasetError(f"{path}: expected {name} above 0 and finite, found {info.get(name)!r}")
 
 
 def listed_names(feature: Mapping[str, Any]) -> list[str] | None:
     """Return the names of a feature's dimensions, where `meta/info.json` has one for each.
 
-    Some robots' datasets keep them by kind of part, {"motors": ["shoulder", ...]}, and some
-    teleoperators' with their indices, {"delta_x": 0, ...}.
+    Some robots' datasets keep them by kind of part, {"motors": ["shoulder", ...]}, or in a list of
+    lists, and some teleoperators' with their indices, {"delta_x": 0, ...}.
     """
-    names = feature.get("names")
+    names = [*_flat(feature.get("names"))]
+    if not names or [len(names)] != feature.get("shape"):
+        return None
+    return names
+
+
+def _flat(names: object, depth: int = 0) -> Iterator[str]:
+    """Yield the names in nested lists and mappings."""
     if isinstance(names, dict):
-        if all(isinstance(index, int) for index in names.values()):
+        if names and all(type(index) is int for index in names.values()):
             names = sorted(names, key=names.__getitem__)
         else:
-            names = next(iter(names.values()), None)
-    if not isinstance(names, list) or [len(names)] != feature.get("shape"):
-        return None
-    return [str(name) for name in names]
+            names = [*names.values()]
+    if isinstance(names, list) and depth < _MAX_DEPTH:
+        for name in names:
+            yield from _flat(name, depth + 1)
+    elif isinstance(names, str | int | float):
+        yield str(names)
 
 
 def image_features(info: Mapping[str, Any], *dtypes: str) -> list[str]:
@@ -97,7 +115,7 @@ def new_info(recording: Recording) -> dict[str, Any]:
         "video_files_size_in_mb": 200,
         "fps": recording.fps,
         "splits": {},
-        "data_path": _DATA_PATH,
+        "data_path": DATA_PATH,
         "video_path": None,
         "features": features | index_columns,
     }
@@ -105,7 +123,13 @@ def new_info(recording: Recording) -> dict[str, Any]:
 
 def read_appendable_info(root: Path) -> dict[str, Any]:
     """Read the description of a dataset to append to, with LeRobot's defaults filled in."""
-    path, info = root / INFO, _read_description(root)
+    path, info = root / INFO, read_info(root)
+    if info["codebase_version"] != FORMAT_VERSION:
+        raise DatasetError(
+            f"{path}: expected codebase_version {FORMAT_VERSION} to append to, found "
+            f"{info['codebase_version']}: `pacnet export` copies older datasets to it"
+        )
+    _check_positive(path, info, "fps")
     info |= _DEFAULTS | info
     for name in ("total_frames", "total_episodes"):
         if info.get(name) is not None and not _is_integer(info[name], 0):

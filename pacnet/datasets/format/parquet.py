@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from pyarrow import types
 
-from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format import DatasetError, unreadable
 
 _MAX_ROWS_PER_BYTE = 100  # index columns alone, as deltas in zstd, come to 10
 _MAX_INTEGER = 2**53  # of counts and indices
@@ -49,6 +49,16 @@ def to_arrow_text(texts: Sequence[str]) -> pa.Array:
 def is_list(kind: pa.DataType) -> bool:
     """Return whether values of a type are lists, of fixed length or not."""
     return types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+
+
+def dimension_of(column: pa.ChunkedArray) -> int:
+    """Return the number of dimensions of a column's vectors, as its first one has it."""
+    kind = column.type
+    if types.is_fixed_size_list(kind):
+        return kind.list_size
+    if not is_list(kind) or len(column.drop_null()) == 0:
+        return 1
+    return len(column.drop_null()[0])
 
 
 def to_numpy(column: pa.ChunkedArray, dimension: int) -> NDArray[np.generic]:
@@ -90,7 +100,7 @@ def open_parquet(path: Path, columns: Sequence[str] = ()) -> Iterator[pq.Parquet
             _check(path, file, columns)
             yield file
     except (OSError, UnicodeDecodeError, pa.ArrowException) as error:
-        raise DatasetError(f"{path} cannot be read: {error}") from error
+        raise unreadable(path, error) from error
 
 
 def _check(path: Path, file: pq.ParquetFile, columns: Sequence[str]) -> None:

@@ -13,7 +13,8 @@ from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.features import is_text
 
 _MAX_BYTES = 255  # of a relative path; every file system takes them
-_DATA_PATH = re.compile(
+DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+_DATA_PATH_FORM = re.compile(
     r"data/[\w.-]*\{chunk_index(:0?[1-9]d)?\}[\w.-]*/[\w.-]*\{file_index(:0?[1-9]d)?\}[\w.-]*"
     r"\.parquet",
     re.ASCII,
@@ -60,7 +61,7 @@ def _is_plain(relative: object) -> TypeGuard[str]:
 
 def check_data_path(data_path: object) -> None:
     """Refuse a template unless it names a different file in `data/` for each pair of indices."""
-    if not isinstance(data_path, str) or not _DATA_PATH.fullmatch(data_path):
+    if not isinstance(data_path, str) or not _DATA_PATH_FORM.fullmatch(data_path):
         raise DatasetError(
             "expected a data_path like data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet, "
             f"found {data_path!r}"

@@ -1,31 +1,61 @@
 """The tables of `meta/`, laid out as LeRobot's readers expect them: tasks and episodes."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format import DatasetError, unreadable
 from pacnet.datasets.format.parquet import read_table, to_arrow, to_arrow_lists, to_arrow_text
 
 TASKS = "meta/tasks.parquet"
+OLD_TASKS = "meta/tasks.jsonl"  # of formats v2.0 and v2.1
 
 
 def read_tasks(root: Path) -> dict[int, str]:
     """Read the tasks by their indices; the column of their texts may have any name."""
     path = root / TASKS
+    if not path.exists() and (root / OLD_TASKS).exists():
+        return _read_old_tasks(root / OLD_TASKS)
     table = read_table(path)
     columns = [name for name in table.column_names if name != "task_index"]
     if len(table.column_names) != 2 or len(columns) != 1:
         raise DatasetError(f"{path}: expected task_index and a task, found {table.column_names}")
-    rows = list(zip(*(table[name].to_pylist() for name in ("task_index", *columns)), strict=True))
+    rows = zip(*(table[name].to_pylist() for name in ("task_index", *columns)), strict=True)
+    return _checked_tasks(path, rows)
+
+
+def _read_old_tasks(path: Path) -> dict[int, str]:
+    """Read the tasks of formats v2.0 and v2.1."""
+    lines = read_json_lines(path)
+    return _checked_tasks(path, ((line.get("task_index"), line.get("task")) for line in lines))
+
+
+def _checked_tasks(path: Path, rows: Iterable[tuple[Any, ...]]) -> dict[int, str]:
+    tasks: dict[int, str] = {}
     for index, task in rows:
         if type(index) is not int or not isinstance(task, str):
             raise DatasetError(f"{path}: expected tasks as index, text, found {index!r}, {task!r}")
-    return dict(rows)
+        tasks[index] = task
+    return tasks
+
+
+def read_json_lines(path: Path) -> list[dict[str, Any]]:
+    """Read a file with an object of JSON on each line."""
+    try:
+        if path.exists() and not path.is_file():
+            raise OSError("it is no file")
+        text = path.read_text(encoding="utf-8")
+        lines = [json.loads(line) for line in text.splitlines() if line.strip()]
+    except (OSError, ValueError, RecursionError) as error:
+        raise unreadable(path, error) from error
+    for line in lines:
+        if not isinstance(line, dict):
+            raise DatasetError(f"{path}: expected an object on each line, found {line!r}")
+    return lines
 
 
 def tasks_table(tasks: Sequence[str]) -> pa.Table:

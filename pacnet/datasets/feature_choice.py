@@ -1,0 +1,71 @@
+"""Which features of a dataset are the state, the environment state and the action."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from pacnet.datasets.format import MissingFeature
+
+STATE, ENVIRONMENT_STATE = "observation.state", "observation.environment_state"
+
+Choice = str | Sequence[str] | None
+"""A feature, or several in their order, or none."""
+
+
+class Features(NamedTuple):
+    """The features of each kind, in their order."""
+
+    state: tuple[str, ...]
+    environment_state: tuple[str, ...]
+    action: tuple[str, ...]
+
+    @property
+    def percepts(self) -> tuple[str, ...]:
+        """The features of a percept, in its order."""
+        return self.state + self.environment_state
+
+
+def choose_features(
+    info: Mapping[str, Any], state: Choice, environment_state: Choice, action: Choice
+) -> Features:
+    """Return the features asked for; those that are only defaults may be missing.
+
+    Raises:
+        ValueError: a feature is given twice, or none for a percept.
+    """
+    there = info["features"]
+    states, surroundings, actions = map(_as_tuple, (state, environment_state, action))
+    if surroundings == (ENVIRONMENT_STATE,) and (
+        ENVIRONMENT_STATE not in there or ENVIRONMENT_STATE in states
+    ):
+        surroundings = ()
+    if states == (STATE,) and STATE not in there and surroundings:
+        states = ()
+    percepts = states + surroundings
+    for features in (percepts, actions):
+        if len(set(features)) < len(features):
+            raise ValueError(f"expected different features, got {', '.join(features)}")
+    if not percepts:
+        raise ValueError("expected a state or an environment state, got neither")
+    return Features(states, surroundings, actions)
+
+
+def _as_tuple(choice: Choice) -> tuple[str, ...]:
+    if choice is None:
+        return ()
+    return (choice,) if isinstance(choice, str) else tuple(choice)
+
+
+def explain_missing(error: MissingFeature, features: Features) -> MissingFeature:
+    """Return the error with the options to choose other features by."""
+    kinds = [
+        kind
+        for kind, names in features._asdict().items()
+        if any(name in names for name in error.features)
+    ]
+    if not kinds:
+        return error
+    options = " and ".join(f"--{kind.replace('_', '-')} NAME" for kind in kinds)
+    arguments = ", ".join(f"{kind}=NAME" for kind in kinds)
+    return MissingFeature(f"{error}: choose with {options} ({arguments} in Python)", error.features)
