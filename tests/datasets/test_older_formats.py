@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 from handmade import TASKS, columns, write, write_info, write_lines, write_old
+from layouts import Shown, write_v21
 
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.datasets.format import DatasetError, DatasetWarning
@@ -114,3 +115,35 @@ def test_features_that_are_not_declared_are_found_in_the_data(root: Path):
     np.testing.assert_array_equal(
         demonstrations.episodes[0].state, columns()["observation.state"][:4]
     )
+
+
+@pytest.mark.slow
+def test_lerobots_own_converter_makes_the_same_of_it(tmp_path: Path):
+    """Its steps without the one that asks the Hub; in both versions of LeRobot."""
+    try:
+        from lerobot.scripts import convert_dataset_v21_to_v30 as converter
+    except ImportError:
+        from lerobot.datasets.v30 import convert_dataset_v21_to_v30 as converter
+
+    rng = np.random.default_rng(3)
+    episodes = [
+        Shown(
+            task,
+            {
+                "observation.state": rng.normal(size=(length, 3)),
+                "observation.environment_state": rng.normal(size=(length, 1)),
+                "action": rng.normal(size=(length, 2)).astype("f4"),
+            },
+        )
+        for task, length in (("drink", 5), ("wave", 3), ("drink", 4))
+    ]
+    old, new = write_v21(tmp_path / "shown", episodes), tmp_path / "new" / "shown"
+    converter.convert_info(old, new, 100, 500)
+    converter.convert_tasks(old, new)
+    converter.convert_episodes_metadata(old, new, converter.convert_data(old, new, 100))
+
+    converted = load_demonstrations(new)
+    assert_equal(load_demonstrations(old), converted)
+    for shown, demonstration in zip(episodes, converted, strict=True):
+        state = shown.values["observation.state"].astype("f4")
+        np.testing.assert_array_equal(demonstration.state, state)
