@@ -7,6 +7,7 @@ Run it alone with `python -m benchmarks.datasets`, in an environment of each LeR
 from __future__ import annotations
 
 import itertools
+import json
 import platform
 import subprocess
 import sys
@@ -17,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from benchmarks.harness import NOTHING, Candidate, Table, factor, median_times, number, run_alone
 from benchmarks.machine import version_of
@@ -29,9 +32,10 @@ FRAMES = EPISODES * LENGTH
 NAMES = tuple(f"joint {number}" for number in range(DIMENSIONS))
 STATE = "observation.state"
 SAMPLED = 500  # frames read by index
+OLD_FILES, OLD_LENGTH, OLD_DIMENSIONS = 100, 360, 30
 KILLED_AFTER = 20  # episodes
 PACKAGES = ("lerobot", "torch", "pyarrow")  # named with their versions in the tables
-WANTED_WRITING, WANTED_READING = 5, 20
+WANTED_WRITING, WANTED_READING, WANTED_OLDER = 5, 20, 1000  # times faster, and ms
 
 WRITING = f"""Writing {EPISODES} episodes of {LENGTH:,} frames of {DIMENSIONS} numbers to a new
 dataset, without imports. LeRobot receives whole episodes (`save_episode(episode_data=...)`), its
@@ -40,6 +44,10 @@ fastest way. `Recorder` flushes every episode to the disk before it continues.
 READING = f"""All {FRAMES:,} frames of such a dataset as tensors. `ds[i]` is LeRobot's access to one
 frame, measured over {SAMPLED} random frames. LeRobot's dataset is already open, while
 `load_demonstrations` starts from the files.
+"""
+OLDER = f"""{OLD_FILES} episodes of {OLD_LENGTH} frames in format v2.1, in a file each:
+{OLD_DIMENSIONS} numbers perceived and as many in the action, in float64. pyarrow reads the two
+columns of all files and no more: no tasks, no time, no checks.
 """
 KILLING = f"""A process that records such a dataset is killed as soon as `save_episode` has returned
 for the {KILLED_AFTER}th time. Then the dataset is recovered, if there is a way to, and read.
@@ -142,6 +150,43 @@ def measure_reading(folder: Path) -> Table:
     return _table("Reading a dataset", READING, ("who", "ms", "faster", "wanted"), rows)
 
 
+def write_older(root: Path) -> None:
+    """Write a dataset of format v2.1."""
+    rng, shape = np.random.default_rng(0), (OLD_LENGTH, OLD_DIMENSIONS)
+    features = {name: {"dtype": "float64", "shape": shape[1:]} for name in (STATE, "action")}
+    (root / "meta").mkdir(parents=True)
+    (root / "data/chunk-000").mkdir(parents=True)
+    info = {"codebase_version": "v2.1", "fps": FPS, "features": features}
+    (root / "meta/info.json").write_text(json.dumps(info))
+    (root / "meta/tasks.jsonl").write_text('{"task_index": 0, "task": "task"}')
+    time = np.arange(OLD_LENGTH)
+    for episode in range(OLD_FILES):
+        columns = {name: rng.standard_normal(shape).tolist() for name in features}
+        columns |= {"timestamp": time / FPS, "frame_index": time, "task_index": 0 * time}
+        columns |= {"episode_index": 0 * time + episode, "index": episode * OLD_LENGTH + time}
+        pq.write_table(pa.table(columns), root / f"data/chunk-000/episode_{episode:06}.parquet")
+
+
+def measure_older(folder: Path) -> Table:
+    """Measure the reading of a dataset in many files."""
+    root = folder / "older"
+    write_older(root)
+
+    def read_columns() -> list[np.ndarray]:
+        table = pq.read_table(root / "data", columns=[STATE, "action"])
+        flat = [column.combine_chunks().flatten() for column in table.columns]
+        return [column.to_numpy().reshape(-1, OLD_DIMENSIONS).astype("f4") for column in flat]
+
+    runs: dict[str, Callable[[], object]] = {
+        "pyarrow, two columns": read_columns,
+        "`load_demonstrations`": lambda: load_demonstrations(root),
+    }
+    times = median_times({name: lambda run=run: run for name, run in runs.items()})
+    rows = [(name, number(1e3 * time), NOTHING) for name, time in times.items()]
+    rows[-1] = (*rows[-1][:2], f"≤ {WANTED_OLDER:,}")
+    return _table("Reading format v2.1", OLDER, ("who", "ms", "wanted"), rows)
+
+
 def measure_killing(folder: Path) -> Table:
     """Measure what both writers leave when they are killed."""
     rows = []
@@ -180,7 +225,8 @@ def measure() -> list[Table]:
     """Measure writing, reading, and being killed."""
     try:
         with quiet_lerobot() as folder:
-            return [measure_writing(folder), measure_reading(folder), measure_killing(folder)]
+            measures = (measure_writing, measure_reading, measure_older, measure_killing)
+            return [measure(folder) for measure in measures]
     except ImportError:
         return [Table("Datasets", WRITING, ("who", "s"), [("needs LeRobot", NOTHING)])]
 
