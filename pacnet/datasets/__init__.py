@@ -2,10 +2,10 @@
 
 from pacnet.datasets.annotations import check_annotatable, write_annotated
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations, load_demonstrations
-from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format import DatasetError, DatasetWarning, MissingFeature
 from pacnet.datasets.recorder import Feature, Recorder, recover
 
 __all__ = [
-    "DatasetError", "Demonstration", "Demonstrations", "Feature", "Recorder", "check_annotatable",
-    "load_demonstrations", "recover", "write_annotated",
+    "DatasetError", "DatasetWarning", "Demonstration", "Demonstrations", "Feature", "MissingFeature",
+    "Recorder", "check_annotatable", "load_demonstrations", "recover", "write_annotated",
 ]  # fmt: skip
