@@ -137,7 +137,7 @@ def measure_reading(folder: Path) -> Table:
     runs: dict[str, Callable[[], object]] = {
         "`ds[i]`": lambda: [dataset[index] for index in sampled],
         "`ds.hf_dataset` in tensors at once": lambda: dataset.hf_dataset.with_format("torch")[:],
-        "`load_demonstrations`": lambda: load_demonstrations(root, action=STATE),
+        "`load_demonstrations`": lambda: load_demonstrations(root, action=None),
     }
     times = median_times({name: lambda run=run: run for name, run in runs.items()})
     times["`ds[i]`"] *= FRAMES / SAMPLED
@@ -209,7 +209,7 @@ def count_episodes(root: Path) -> int:
     """Return the number of readable episodes that a killed process left."""
     recover(root)
     try:
-        return len(load_demonstrations(root, action=STATE))
+        return len(load_demonstrations(root, action=None))
     except DatasetError:
         return 0
 

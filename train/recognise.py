@@ -23,7 +23,6 @@ from pacnet import PACNet
 from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.datasets.annotations import check_annotatable, write_annotated
 from pacnet.datasets.demonstrations import (
-    STATE,
     Demonstrations,
     dimension_names,
     load_demonstrations,
@@ -69,7 +68,7 @@ def main() -> None:
 
 def load_percepts(dataset: Path) -> Demonstrations:
     """Load the percepts of a dataset, which needs no actions."""
-    return load_demonstrations(dataset, action=STATE)
+    return load_demonstrations(dataset, action=None)
 
 
 def check(network: PACNet, demonstrations: Demonstrations) -> None:

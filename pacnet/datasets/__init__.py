@@ -6,6 +6,7 @@ from pacnet.datasets.format import DatasetError, DatasetWarning, MissingFeature
 from pacnet.datasets.recorder import Feature, Recorder, recover
 
 __all__ = [
-    "DatasetError", "DatasetWarning", "Demonstration", "Demonstrations", "Feature", "MissingFeature",
-    "Recorder", "check_annotatable", "load_demonstrations", "recover", "write_annotated",
+    "DatasetError", "DatasetWarning", "Demonstration", "Demonstrations", "Feature",
+    "MissingFeature", "Recorder", "check_annotatable", "load_demonstrations", "recover",
+    "write_annotated",
 ]  # fmt: skip

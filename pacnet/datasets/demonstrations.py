@@ -91,8 +91,8 @@ def load_demonstrations(
         DatasetError: the folder or one of its files is missing or damaged, the format is another
             one, a recording into it is running or was killed, a feature is not a vector of
             numbers, an episode asked for is not there, or a value is not finite.
-        ValueError: a feature is given twice; or an encoder is for a feature that is no image or
-            video, or its vectors are not finite or not of one length.
+        ValueError: a feature is given twice, or none for percepts; or an encoder is for a feature
+            that is no image or video, or its vectors are not finite or not of one length.
     """
     from pacnet.datasets.format.episodes import read_episodes
     from pacnet.datasets.format.selection import Selection
@@ -102,6 +102,8 @@ def load_demonstrations(
     check_folded(root)
     info = read_info(root)
     features = choose_features(info, state, environment_state, action)
+    if not features.percepts and not encoders:
+        raise ValueError("expected a state, an environment state or encoded images, got none")
     vectors = dict.fromkeys([*features.percepts, *features.action])
     where = () if only_where is None else (only_where,)
     try:

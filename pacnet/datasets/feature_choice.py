@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from pacnet.datasets.format import MissingFeature
+from pacnet.datasets.format import DatasetWarning, MissingFeature
 
 STATE, ENVIRONMENT_STATE = "observation.state", "observation.environment_state"
 
@@ -27,12 +28,15 @@ class Features(NamedTuple):
 
 
 def choose_features(
-    info: Mapping[str, Any], state: Choice, environment_state: Choice, action: Choice
+    info: Mapping[str, Any],
+    state: Choice,
+    environment_state: Choice,
+    action: Choice,
 ) -> Features:
     """Return the features asked for; those that are only defaults may be missing.
 
     Raises:
-        ValueError: a feature is given twice, or none for a percept.
+        ValueError: a feature is given twice.
     """
     there = info["features"]
     states, surroundings, actions = map(_as_tuple, (state, environment_state, action))
@@ -42,12 +46,15 @@ def choose_features(
         surroundings = ()
     if states == (STATE,) and STATE not in there and surroundings:
         states = ()
+        warnings.warn(
+            f"the dataset has no {STATE!r}: percepts are {', '.join(surroundings)} alone",
+            DatasetWarning,
+            stacklevel=3,
+        )
     percepts = states + surroundings
     for features in (percepts, actions):
         if len(set(features)) < len(features):
             raise ValueError(f"expected different features, got {', '.join(features)}")
-    if not percepts:
-        raise ValueError("expected a state or an environment state, got neither")
     return Features(states, surroundings, actions)
 
 

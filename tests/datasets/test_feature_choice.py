@@ -9,7 +9,7 @@ import torch
 from handmade import columns, write, write_info, write_rows
 
 from pacnet.datasets.demonstrations import load_demonstrations
-from pacnet.datasets.format import DatasetError, MissingFeature
+from pacnet.datasets.format import DatasetError, DatasetWarning, MissingFeature
 
 STATE, SURROUNDINGS = "observation.state", "observation.environment_state"
 
@@ -85,7 +85,8 @@ def test_the_environment_state_alone(root: Path, choice: dict[str, object]):
 
 def test_a_dataset_without_a_robots_state_has_its_surroundings(root: Path):
     rename(root, {STATE: "joints"})
-    demonstrations = load_demonstrations(root)
+    with pytest.warns(DatasetWarning, match="no 'observation.state': percepts are obs.* alone"):
+        demonstrations = load_demonstrations(root)
     assert demonstrations.state_features == ()
     assert demonstrations.percept_features.keys() == {SURROUNDINGS}
 
@@ -105,7 +106,10 @@ def test_actions_may_be_left_out(root: Path):
         ({"state": [STATE, STATE]}, "different features, got observation.state, observation.state"),
         ({"environment_state": STATE}, "different features"),
         ({"action": ["action", "action"]}, "different features"),
-        ({"state": None, "environment_state": None}, "expected a state or an environment state"),
+        (
+            {"state": None, "environment_state": None},
+            "expected a state, an env",
+        ),
     ],
 )
 def test_choices_that_contradict_themselves(root: Path, choice: dict[str, object], message: str):
