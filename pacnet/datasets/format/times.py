@@ -30,9 +30,9 @@ class _Frames(NamedTuple):
     """The frames of all episodes, one after the other."""
 
     episodes: Sequence[int]  # [E] their indices in the dataset
-    starts: NDArray[Any]  # [E] first row of each episode
+    starts: NDArray[np.intp]  # [E] first row of each episode
     owner: NDArray[np.intp]  # [N] position in `episodes`
-    times: NDArray[np.float64]  # [N] in s, NaN where the column is missing
+    times: NDArray[np.float64]  # [N] in s, NaN where not finite or without the column
     numbers: NDArray[np.int64]  # [N] frame_index, or as counted where the column is missing
     within: NDArray[np.bool_]  # [N - 1] whether a step leads to a frame of the same episode
     steps: NDArray[np.float64]  # [N - 1] in s, NaN between episodes
@@ -92,8 +92,9 @@ def _join(
         np.arange(length) if number is None else np.asarray(number, dtype=np.int64)
         for length, (_, number) in zip(lengths, columns, strict=True)
     ] or [np.empty(0, dtype=np.int64)])  # fmt: skip
+    times[~np.isfinite(times)] = np.nan
     within = owner[1:] == owner[:-1]
-    with np.errstate(invalid="ignore", over="ignore"):
+    with np.errstate(over="ignore"):
         steps = np.where(within, np.diff(times), np.nan)
     starts = np.cumsum([0, *lengths])[:-1]
     return _Frames(episodes, starts, owner, times, numbers, within, steps)
@@ -148,7 +149,7 @@ def _note_unknown(frames: _Frames) -> list[str]:
     rows = np.flatnonzero(~finite & some[frames.owner])
     if not rows.size:
         return []
-    owner = frames.owner[rows[0]]
+    owner = int(frames.owner[rows[0]])
     return [
         f"Timestamps that are not finite: {rows.size}, the first in episode "
         f"{frames.episodes[owner]}, frame {rows[0] - frames.starts[owner]}. No gap is looked for "
@@ -157,7 +158,7 @@ def _note_unknown(frames: _Frames) -> list[str]:
 
 
 def _name_episodes(frames: _Frames, chosen: NDArray[np.bool_]) -> str:
-    names = [str(frames.episodes[position]) for position in np.flatnonzero(chosen)]
+    names = [str(frames.episodes[position]) for position in np.flatnonzero(chosen).tolist()]
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return f"episode{'s' * (len(names) > 1)} {', '.join(names[:_SHOWN])}{more}"
 
@@ -174,9 +175,9 @@ def _describe_gaps(
 
 def _describe(frames: _Frames, row: int, is_break: bool, typical: float) -> str:
     """Return where the gap before a row is, and how long."""
-    owner = frames.owner[row]
+    owner = int(frames.owner[row])
     start = frames.starts[owner]
-    passed = frames.times[row - 1] - frames.times[start]
+    passed = float(frames.times[row - 1]) - float(frames.times[start])
     place = f"episode {frames.episodes[owner]}, frame {row - start}"
     if np.isfinite(passed):
         place += f", after {passed:.3f} s"
