@@ -214,10 +214,7 @@ def _check_finite(
 
 def _gaps(fps: float, read: Episodes) -> list[tuple[int, ...]]:
     """Return the frames of each episode before which time is missing, after telling of them."""
-    nothing = [None] * len(read.indices)
-    times = nothing if read.timestamps is None else read.split(read.timestamps)
-    frames = nothing if read.frame_indices is None else read.split(read.frame_indices)
-    timing = find_gaps(fps, read.indices, times, frames)
+    timing = find_gaps(fps, read.indices, read.lengths, read.timestamps, read.frame_indices)
     for note in timing.notes:
         warnings.warn(note, DatasetWarning, stacklevel=3)
     return timing.gaps

@@ -1,9 +1,11 @@
 """Claims about frames whose time contradicts `fps` or itself, on times written by hand."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
-from pacnet.datasets.format.times import find_gaps
+from pacnet.datasets.format.times import Timing, find_gaps
 
 UNEVEN = "Nothing is learned across"
 
@@ -16,8 +18,18 @@ def even(count: int, fps: float = 10, start: float = 0.0) -> np.ndarray:
     return start + np.arange(count) / fps
 
 
+def look(fps: float, episodes: Sequence[int], times: Sequence, numbers: Sequence) -> Timing:
+    """What is found in the times and numbers of each episode, None without the column."""
+    lengths = [len(one if two is None else two) for one, two in zip(times, numbers, strict=True)]
+    columns = [
+        None if any(part is None for part in parts) else np.concatenate(parts or [[]])
+        for parts in (times, numbers)
+    ]
+    return find_gaps(fps, episodes, lengths, *columns)
+
+
 def test_frames_that_follow_on_each_other_have_no_gaps():
-    timing = find_gaps(10, [0, 1], [even(5), even(4)], [np.arange(5), np.arange(4)])
+    timing = look(10, [0, 1], [even(5), even(4)], [np.arange(5), np.arange(4)])
     assert timing == ([(), ()], [])
 
 
@@ -33,7 +45,7 @@ def test_frames_that_follow_on_each_other_have_no_gaps():
     ],
 )
 def test_a_step_that_is_too_long_or_does_not_rise_is_a_gap(times, gaps, event):
-    timing = find_gaps(10, [4], [times], [None])
+    timing = look(10, [4], [times], [None])
     assert timing.gaps == [gaps]
     assert len(timing.notes) == (event is not None)
     for note in timing.notes:
@@ -43,7 +55,7 @@ def test_a_step_that_is_too_long_or_does_not_rise_is_a_gap(times, gaps, event):
 
 def test_a_lost_frame_is_told_once_by_time_and_number():
     numbers = np.array([0, 1, 4, 5])
-    timing = find_gaps(10, [0], [numbers / 10], [numbers])
+    timing = look(10, [0], [numbers / 10], [numbers])
     assert timing.gaps == [(2,)]
     assert timing.notes == [
         f"{UNEVEN} 1 gap in time: episode 0, frame 2, after 0.100 s (0.3 s in place of 0.1 s)."
@@ -52,7 +64,7 @@ def test_a_lost_frame_is_told_once_by_time_and_number():
 
 @pytest.mark.parametrize("times", [even(4), None])
 def test_a_frame_index_that_does_not_rise_by_one_is_a_gap(times):
-    timing = find_gaps(10, [7], [times], [np.array([3, 4, 4, 5])])
+    timing = look(10, [7], [times], [np.array([3, 4, 4, 5])])
     assert timing.gaps == [(2,)]
     (note,) = timing.notes
     assert "episode 7, frame 2" in note
@@ -60,14 +72,14 @@ def test_a_frame_index_that_does_not_rise_by_one_is_a_gap(times):
 
 
 def test_numbers_and_times_may_begin_anywhere():
-    timing = find_gaps(10, [0], [even(5, start=1234.5)], [np.arange(100, 105)])
+    timing = look(10, [0], [even(5, start=1234.5)], [np.arange(100, 105)])
     assert timing == ([()], [])
 
 
 def test_gaps_are_relative_to_the_rate_of_the_timestamps_which_is_told():
     # 20 frames per second where 30 are promised: a step of 0.1 s is two of them.
     times = [even(50, 20), seconds(0, 0.05, 0.15, 0.2)]
-    timing = find_gaps(30, [0, 1], times, [None, None])
+    timing = look(30, [0, 1], times, [None, None])
     assert timing.gaps == [(), (2,)]
     assert timing.notes[0].startswith(
         "The timestamps have 20 frames per second, meta/info.json gives fps 30:"
@@ -77,7 +89,7 @@ def test_gaps_are_relative_to_the_rate_of_the_timestamps_which_is_told():
 
 @pytest.mark.parametrize(("rate", "told"), [(10.4, False), (9.6, False), (10.6, True)])
 def test_a_rate_within_five_percent_is_that_of_the_description(rate, told):
-    timing = find_gaps(10, [0], [even(30, rate)], [None])
+    timing = look(10, [0], [even(30, rate)], [None])
     assert timing.gaps == [()]
     assert bool(timing.notes) is told
 
@@ -86,13 +98,13 @@ def test_a_rate_within_five_percent_is_that_of_the_description(rate, told):
 @pytest.mark.parametrize("start", [0, 1000, 9000])
 def test_rounding_to_float32_makes_no_gaps(fps, start):
     times = even(1000, fps, start).astype(np.float32).astype(np.float64)
-    assert find_gaps(fps, [0], [times], [np.arange(1000)]) == ([()], [])
+    assert look(fps, [0], [times], [np.arange(1000)]) == ([()], [])
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_jitter_of_two_fifths_of_a_step_makes_no_gaps(seed):
     steps = (1 + np.random.default_rng(seed).uniform(-0.4, 0.4, 999)) / 30
-    assert find_gaps(30, [0], [np.cumsum([0, *steps])], [None]) == ([()], [])
+    assert look(30, [0], [np.cumsum([0, *steps])], [None]) == ([()], [])
 
 
 @pytest.mark.parametrize(
@@ -108,7 +120,7 @@ def test_jitter_of_two_fifths_of_a_step_makes_no_gaps(seed):
 def test_times_that_tell_nothing_are_told_and_make_no_gaps(times, reason):
     numbers = np.arange(len(times))
     numbers[-1] += 1  # what frame_index says still counts
-    timing = find_gaps(10, [0], [times], [numbers])
+    timing = look(10, [0], [times], [numbers])
     assert timing.gaps == [(len(times) - 1,)]
     unusable, gap = timing.notes
     assert unusable.startswith("The timestamps are unusable")
@@ -117,7 +129,7 @@ def test_times_that_tell_nothing_are_told_and_make_no_gaps(times, reason):
 
 
 def test_one_episode_whose_clock_stands_still_does_not_spoil_the_others():
-    timing = find_gaps(10, [3, 5], [even(9), np.full(4, 2.0)], [None, None])
+    timing = look(10, [3, 5], [even(9), np.full(4, 2.0)], [None, None])
     assert timing.gaps == [(), ()]
     assert timing.notes == [
         "The timestamps of episode 5 stand still and are unusable: "
@@ -126,7 +138,7 @@ def test_one_episode_whose_clock_stands_still_does_not_spoil_the_others():
 
 
 def test_single_timestamps_that_are_not_finite_are_told_and_make_no_gaps():
-    timing = find_gaps(10, [6], [seconds(0, 0.1, np.nan, 0.3, 0.4)], [None])
+    timing = look(10, [6], [seconds(0, 0.1, np.nan, 0.3, 0.4)], [None])
     assert timing.gaps == [()]
     (note,) = timing.notes
     assert "not finite: 1, the first in episode 6, frame 2." in note
@@ -134,19 +146,21 @@ def test_single_timestamps_that_are_not_finite_are_told_and_make_no_gaps():
 
 def test_three_events_are_spelled_out():
     times = np.cumsum([0, 0.1, 0.1, 0.1, 0.9, 0.1, 0.1, 0.8, 0.1, 0.7, 0.1, 0.6, 0.1, 0.5, 0.1])
-    (note,) = find_gaps(10, [0], [times], [None]).notes
+    (note,) = look(10, [0], [times], [None]).notes
     assert note.startswith(f"{UNEVEN} 5 gaps in time")
     assert [f"{step} s in place" in note for step in (0.9, 0.8, 0.7, 0.6)] == [True] * 3 + [False]
     assert note.endswith("; and 2 more.")
 
 
 def test_episodes_of_one_frame_of_none_and_without_columns_have_no_gaps():
-    times = [seconds(5.0), seconds(), None, None, even(3)]
-    numbers = [np.array([8]), np.array([], dtype=np.int64), np.arange(3), None, None]
-    assert find_gaps(10, range(5), times, numbers) == ([()] * 5, [])
-    assert find_gaps(10, [], [], []) == ([], [])
+    times = [seconds(5.0), seconds(), even(3)]
+    numbers = [np.array([8]), np.array([], dtype=np.int64), np.arange(3)]
+    assert look(10, range(3), times, numbers) == ([()] * 3, [])
+    assert look(10, range(3), times, [None] * 3) == ([()] * 3, [])
+    assert look(10, range(3), [None] * 3, numbers) == ([()] * 3, [])
+    assert look(10, [], [], []) == ([], [])
 
 
 def test_the_step_between_two_episodes_is_no_gap():
-    timing = find_gaps(10, [0, 1, 2], [even(3), even(3, start=50), even(3)], [None] * 3)
+    timing = look(10, [0, 1, 2], [even(3), even(3, start=50), even(3)], [None] * 3)
     assert timing == ([()] * 3, [])

@@ -17,6 +17,7 @@ _TURNS = (
     _Turn(360.0, "360 degrees", "numpy.unwrap(angle, period=360)"),
     _Turn(2 * np.pi, "2 pi", "numpy.unwrap(angle)"),
 )
+_BLOCK = 64  # rows
 # Shares of a period. A joint that turns by 60 degrees a frame covers 300 of 360.
 _LEAST_RANGE = 0.8
 _OUTSIDE = 0.003  # by which a value may lie outside of [-1/2, 1/2] or [0, 1]
@@ -52,7 +53,7 @@ def find_wraps(
         return []
     rows = np.concatenate(parts)
     owner = np.repeat(np.arange(len(values)), [len(part) for part in values])
-    lowest, highest = rows.min(axis=0), rows.max(axis=0)
+    lowest, highest = _extremes(rows)
     notes = []
     for turn in _TURNS:
         for dimension in np.flatnonzero(_may_be_angle(lowest, highest, turn.period)):
@@ -65,6 +66,19 @@ def find_wraps(
                 name = f"{feature!r}, {names[int(dimension)]!r}"
                 notes.append(_describe(name, turn, f"{often}, {place}"))
     return notes
+
+
+def _extremes(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the lowest and the highest number of each dimension; numpy is slow on short rows."""
+    dimensions, whole = rows.shape[1], len(rows) // _BLOCK * _BLOCK
+    blocks = rows[:whole].reshape(-1, _BLOCK * dimensions)
+    found = []
+    for extreme in (np.minimum, np.maximum):
+        parts = [rows[whole:]]
+        if len(blocks):
+            parts.append(extreme.reduce(blocks).reshape(_BLOCK, dimensions))
+        found.append(extreme.reduce(np.concatenate(parts)))
+    return found[0], found[1]
 
 
 def _describe(name: str, turn: _Turn, events: str) -> str:

@@ -41,8 +41,9 @@ class _Frames(NamedTuple):
 def find_gaps(
     fps: float,
     episodes: Sequence[int],
-    timestamps: Sequence[NDArray[Any] | None],
-    frame_indices: Sequence[NDArray[Any] | None],
+    lengths: Sequence[int],
+    timestamps: NDArray[Any] | None,
+    frame_indices: NDArray[Any] | None,
 ) -> Timing:
     """Find the frames that do not follow on the frame before, by their time or their number.
 
@@ -52,13 +53,14 @@ def find_gaps(
     Args:
         fps: frames per second that `meta/info.json` gives [1/s].
         episodes: index of each episode.
-        timestamps: time of each episode's frames `[T]` [s], or None without the column.
-        frame_indices: number of each episode's frames `[T]`, or None without the column.
+        lengths: number of its frames.
+        timestamps: time of all frames `[N]` [s], one episode after the other; None without.
+        frame_indices: number of each frame in its episode, `[N]`; None without.
 
     Returns:
         The gaps of each episode, and notes about all that contradicts itself.
     """
-    frames = _join(episodes, timestamps, frame_indices)
+    frames = _frames(episodes, lengths, timestamps, frame_indices)
     known = frames.steps[np.isfinite(frames.steps)]
     typical = float(np.median(known)) if known.size else 0.0
     jumps = frames.within & (np.diff(frames.numbers) != 1)
@@ -67,42 +69,38 @@ def find_gaps(
     else:
         breaks, notes = np.zeros_like(jumps), _unusable(frames, timestamps)
     rows = np.flatnonzero(breaks | jumps) + 1
-    if rows.size:
-        notes.append(_describe_gaps(frames, rows, breaks, typical))
+    if not rows.size:
+        return Timing([()] * len(episodes), notes)
+    notes.append(_describe_gaps(frames, rows, breaks, typical))
     numbers = rows - frames.starts[frames.owner[rows]]
     ends = np.searchsorted(frames.owner[rows], np.arange(1, len(episodes)))
     parts = np.split(numbers, ends)[: len(episodes)]
     return Timing([tuple(part.tolist()) for part in parts], notes)
 
 
-def _join(
+def _frames(
     episodes: Sequence[int],
-    timestamps: Sequence[NDArray[Any] | None],
-    frame_indices: Sequence[NDArray[Any] | None],
+    lengths: Sequence[int],
+    timestamps: NDArray[Any] | None,
+    frame_indices: NDArray[Any] | None,
 ) -> _Frames:
-    """Lay the frames of all episodes one after the other."""
-    columns = list(zip(timestamps, frame_indices, strict=True))
-    lengths = [max(len(column) for column in (*pair, ()) if column is not None) for pair in columns]
-    owner = np.repeat(np.arange(len(lengths)), lengths)
-    times = np.concatenate([
-        np.full(length, np.nan) if time is None else np.asarray(time, dtype=np.float64)
-        for length, (time, _) in zip(lengths, columns, strict=True)
-    ] or [np.empty(0)])  # fmt: skip
-    numbers = np.concatenate([
-        np.arange(length) if number is None else np.asarray(number, dtype=np.int64)
-        for length, (_, number) in zip(lengths, columns, strict=True)
-    ] or [np.empty(0, dtype=np.int64)])  # fmt: skip
+    """Compare each frame with the one before."""
+    owner, starts = np.repeat(np.arange(len(lengths)), lengths), np.cumsum([0, *lengths])[:-1]
+    times, numbers = np.full(len(owner), np.nan), frame_indices
+    if timestamps is not None:
+        times = timestamps.astype(np.float64)
+    if numbers is None:
+        numbers = np.arange(len(owner))
     times[~np.isfinite(times)] = np.nan
     within = owner[1:] == owner[:-1]
     with np.errstate(over="ignore"):
         steps = np.where(within, np.diff(times), np.nan)
-    starts = np.cumsum([0, *lengths])[:-1]
     return _Frames(episodes, starts, owner, times, numbers, within, steps)
 
 
-def _unusable(frames: _Frames, timestamps: Sequence[NDArray[Any] | None]) -> list[str]:
+def _unusable(frames: _Frames, timestamps: NDArray[Any] | None) -> list[str]:
     """Say that the timestamps tell nothing, where there are some to tell it."""
-    if not frames.within.any() or all(times is None for times in timestamps):
+    if not frames.within.any() or timestamps is None:
         return []
     found = "they do not rise" if np.isfinite(frames.steps).any() else "they are not finite"
     return [f"The timestamps are unusable, {found}: frames are taken as evenly spaced."]
