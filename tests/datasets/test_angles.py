@@ -90,7 +90,7 @@ def test_a_joint_that_is_read_every_second_frame_and_starts_at_its_end_is_told(d
 
 
 def test_a_joint_that_passes_its_end_for_one_frame_is_told():
-    there = np.arange(100.0, 182.0, 6.0)  # 100 to 178
+    there = np.arange(-2.0, 182.0, 6.0)  # -2 to 178
     assert len(notes_of(np.concatenate([there, [-178.0], there[::-1]]))) == 1
 
 
