@@ -13,16 +13,14 @@ from numba import njit
 
 from pacnet.attention import edge_kernels as edges
 from pacnet.attention.edge_kernels import EDGES, NO_NODE, NODES, MapArrays
+from pacnet.kernels.caching import cached_njit
 from pacnet.kernels.distances import squared_distances
-from pacnet.kernels.engine import announce_compilation
-
-announce_compilation()
 
 # What happened to a sample, as bits of one byte.
 NOVEL, INSERTED, IGNORED, DISHABITUATED, HABITUATED = 1, 2, 4, 8, 16
 
 
-@njit(cache=True)
+@cached_njit()
 def read_one(percept, scale, largest, prototype, nodes, novel_from, scaled):
     """Write one percept `[D]` normalized to `scaled`, `[1, D]`, and read it.
 
@@ -39,7 +37,7 @@ def read_one(percept, scale, largest, prototype, nodes, novel_from, scaled):
     return True, best, second, _activation(best, distance), novel
 
 
-@njit(cache=True)
+@cached_njit()
 def scale_one(percept, scale, largest, scaled):
     """Write percept × scale to `[1, D]`; return whether it is finite and within ±`largest`."""
     valid = len(percept) == len(scale) == scaled.shape[1]
@@ -49,7 +47,7 @@ def scale_one(percept, scale, largest, scaled):
     return valid
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def read(percepts, prototype, nodes, novel_from, winner, runner_up, activation, novelty):
     """Read normalized percepts `[B, D]` into four arrays `[B]`; prototypes are `[D, N]`."""
     distances, first = np.empty(nodes + 1, np.float32), np.int64(0)
@@ -63,7 +61,7 @@ def read(percepts, prototype, nodes, novel_from, winner, runner_up, activation, 
 
 # One long function: to pass arrays to others at each sample would take longer than to learn it,
 # as numba counts their references.
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def learn(  # noqa: C901
     percepts, start, prototype, habituation, habituated_at, ends, age, time, lists, degree,
     listed_ends, counts, rules, winner, runner_up, activation, events, isolated,

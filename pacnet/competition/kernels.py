@@ -7,15 +7,13 @@ import math
 import numpy as np
 from numba import njit
 
-from pacnet.kernels.engine import announce_compilation
-
-announce_compilation()
+from pacnet.kernels.caching import cached_njit
 
 OUT_OF_REACH = -1.0
 """A confidence under every threshold."""
 
 
-@njit(cache=True)
+@cached_njit()
 def predict(probability, advance, predicted):
     """Write the belief one sample later, `[E, P]`, from the last and the chances `[E, K]`."""
     episodes, states = probability.shape
@@ -31,7 +29,7 @@ def predict(probability, advance, predicted):
     _normalize(predicted)
 
 
-@njit(cache=True)
+@cached_njit()
 def weight(
     predicted, start, restart_prob, rows, distances, obs_std, outlier_likelihood, probability
 ):
@@ -54,7 +52,7 @@ def weight(
     return True
 
 
-@njit(cache=True)
+@cached_njit()
 def confidences_of(  # noqa: C901 - checks and loops, none of them deep
     probability, visits, distances, spans, reach, confidences
 ):

@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from pacnet.kernels.engine import announce_compilation
-
-announce_compilation()
+from pacnet.kernels.caching import cached_njit
 
 LANES = 24  # candidates computed side by side, a multiple of the width of a vector register
 
-_ENTRY: Any = {"cache": True, "nogil": True, "error_model": "numpy"}
+_ENTRY: Any = {"nogil": True, "error_model": "numpy"}
 # Functions that only kernels call compile faster without their wrappers for Python and C.
 _PART: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _FUSED = {"contract"}  # a product and a sum may be rounded once instead of twice
@@ -25,7 +23,7 @@ _PER_LN2 = np.float32(1 / math.log(2))
 _TERMS = tuple(np.float32(1 / math.factorial(k)) for k in reversed(range(8)))  # Taylor series
 
 
-@njit(**_ENTRY)
+@cached_njit(**_ENTRY)
 def choose(after, target, abstain_below):
     """Choose the candidate whose predicted state is nearest (Euclidean) to a target.
 
@@ -75,7 +73,7 @@ def _spread(after, costs, known):
     return math.sqrt(total / known) if known > 0 else 0.0
 
 
-@njit(**_ENTRY)
+@cached_njit(**_ENTRY)
 def decide(candidates, normalisers, weights, biases, steps, abstain_below, state, target):
     """Predict the state after each candidate and `choose`; a state that is not finite has none.
 

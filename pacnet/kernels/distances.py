@@ -14,16 +14,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pacnet.kernels.engine import announce_compilation
-
-announce_compilation()
+from pacnet.kernels.caching import cached_njit
 
 _CHUNK = 512  # rows whose sums stay in the nearest cache
 _INFINITE = np.float32(np.finfo(np.float32).max)  # more than any squared distance
 
 
 # Without `nogil`: reacquiring the lock while another thread learns would take longer.
-@njit(cache=True, fastmath={"contract"}, error_model="numpy")
+@cached_njit(fastmath={"contract"}, error_model="numpy")
 def squared_distances(percepts, number, columns, first, count, out):
     """Write the squared distances of one of several percepts from a range of rows.
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from pacnet.kernels.caching import cached_njit
 from pacnet.kernels.distances import squared_distances
-from pacnet.kernels.engine import announce_compilation
-
-announce_compilation()
 
 _NO_NODE = -1  # `pacnet.attention.records.NO_NODE`, as a literal so that it is compiled in
 
 
-@njit(cache=True)
+@cached_njit()
 def recall(  # noqa: C901 - checks and loops, none of them deep
     nodes, percepts, start, length, cue, target, nearest_cues, targets, offsets
 ):
