@@ -37,18 +37,12 @@ def choose_settings(
     demonstrations: Demonstrations, targets: Literal["action", "state"], lead: int
 ) -> ImitatorConfig:
     """Return settings for these demonstrations; see `Imitator.from_demonstrations`."""
+    _check_features(demonstrations)
+    demonstrations = demonstrations.continuous()
     percepts, action = demonstrations.percept_features, demonstrations.action_names
-    if not percepts:
-        raise ValueError(
-            f"expected percepts and actions of different features, got {demonstrations.action!r} "
-            "for both"
-        )
-    longest = max((len(shown.state) for shown in demonstrations), default=0)
-    if targets == "state" and not (is_integer(lead, 1) and lead < longest):
-        raise ValueError(
-            f"expected lead as a number of frames from 1 to {longest - 1}, less than the longest "
-            f"demonstration has, got {lead!r}"
-        )
+    state = demonstrations.state_features
+    if targets == "state":
+        _check_targets(demonstrations, lead)
     scaling = noise_scaling([shown.percepts for shown in demonstrations])
     fps, dimensions = demonstrations.fps, len(scaling.scale)
     attention = SOFMConfig.paper(
@@ -59,7 +53,7 @@ def choose_settings(
     )
     novel = max(MIN_NOVEL, NOVEL * scaling.noise)
     schemas = CompetingSchemasConfig(
-        len(action) if targets == "action" else len(next(iter(percepts.values()))),
+        len(action) if targets == "action" else sum(len(percepts[name]) for name in state),
         dimensions,
         same_schema_similarity=math.exp(-max(MIN_SAME_SCHEMA, SAME_SCHEMA * scaling.noise)),
         lookahead_samples=max(1, round(LOOKAHEAD * fps)),
@@ -73,7 +67,37 @@ def choose_settings(
         lead=lead,
         network=PACNetConfig(attention, schemas),
         forward_model=_forward_model(demonstrations, lead) if targets == "state" else None,
+        state=state,
+        action_features=demonstrations.action_features,
     )
+
+
+def _check_features(demonstrations: Demonstrations) -> None:
+    """Raise a ValueError unless there are percepts and actions, of different features."""
+    percepts, actions = demonstrations.percept_features, demonstrations.action_features
+    if not actions:
+        raise ValueError("expected demonstrations with actions to learn from, got some without")
+    both = [name for name in demonstrations.state_features if name in actions]
+    if both or not percepts:
+        raise ValueError(
+            "expected percepts and actions of different features, got "
+            f"{', '.join(both or actions)!r} for both"
+        )
+
+
+def _check_targets(demonstrations: Demonstrations, lead: int) -> None:
+    """Raise a ValueError unless there is a state `lead` frames after another."""
+    if not demonstrations.state_features:
+        raise ValueError(
+            "expected a state of the robot to aim at with targets of 'state', got an environment "
+            "state alone: name a state, or store targets of 'action'"
+        )
+    longest = max((len(shown.state) for shown in demonstrations), default=0)
+    if not (is_integer(lead, 1) and lead < longest):
+        raise ValueError(
+            f"expected lead as a number of frames from 1 to {longest - 1}, less than the longest "
+            f"demonstration has between gaps, got {lead!r}"
+        )
 
 
 def _forward_model(demonstrations: Demonstrations, lead: int) -> MLPForwardModelConfig:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor
 
 from pacnet.attention.sofm import HabituatingSOFM
-from pacnet.core.validation import check_bounded, check_index, check_rows
+from pacnet.core.validation import check_bounded, check_index, check_rows, is_integer
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.config import ImitatorConfig
 
@@ -23,14 +24,7 @@ def check_demonstrations(
         raise ValueError(f"expected Demonstrations, got {type(demonstrations).__name__}")
     if not isinstance(demonstrations.source, str):
         raise ValueError(f"expected their source as a str, got {demonstrations.source!r}")
-    wanted = {**config.percepts, "action": config.action}
-    got = {**demonstrations.percept_features, "action": demonstrations.action_names}
-    for name in wanted.keys() | got.keys():
-        if wanted.get(name) != got.get(name):
-            raise ValueError(
-                f"expected {name!r} with the dimensions {_listed(wanted.get(name))}, as learned "
-                f"before, got {_listed(got.get(name))}"
-            )
+    _check_features(demonstrations, config)
     if demonstrations.fps != config.fps:
         raise ValueError(
             f"expected {config.fps} frames per second, as learned before, got {demonstrations.fps}"
@@ -42,9 +36,28 @@ def check_demonstrations(
             raise ValueError(f"episode {shown.episode}: {error}") from None
 
 
+def _check_features(demonstrations: Demonstrations, config: ImitatorConfig) -> None:
+    """Raise a ValueError unless percepts and actions have the dimensions learned before."""
+    wanted, got = config.percepts, demonstrations.percept_features
+    names = dict.fromkeys((*wanted, *got))
+    pairs = [(name, wanted.get(name), got.get(name)) for name in names]
+    for name, expected, found in (*pairs, ("action", config.action, demonstrations.action_names)):
+        if expected != found:
+            raise ValueError(
+                f"expected {name!r} with the dimensions {_listed(expected)}, as learned before, "
+                f"got {_listed(found)}"
+            )
+    expected, found = config.state_features, demonstrations.state_features
+    if expected != found:
+        raise ValueError(
+            f"expected the state {_listed(expected)}, as learned before, got {_listed(found)}"
+        )
+
+
 def _check_one(shown: Demonstration, config: ImitatorConfig, sofm: HabituatingSOFM) -> None:
     """Raise a ValueError unless a demonstration has the right types, sizes and finite values."""
     check_index("the episode's number", shown.episode, 2**63)
+    check_index("the first frame's number", shown.first_frame, 2**63)
     if not isinstance(shown.task, str):
         raise ValueError(f"expected a task as a str, got {shown.task!r}")
     encoded, state, action = shown.encoded, config.state_dimensions, len(config.action)
@@ -64,7 +77,16 @@ def _check_one(shown: Demonstration, config: ImitatorConfig, sofm: HabituatingSO
             f"{len(shown.state)} states and {len(shown.environment_state)} environment states"
         )
     sofm.normalize(shown.percepts)  # refuses percepts that are too large
+    _check_gaps(shown)
+
+
+def _check_gaps(shown: Demonstration) -> None:
+    """Raise a ValueError unless gaps lie in order within a demonstration."""
+    gaps, end = shown.gaps, len(shown.state)
+    whole = all(is_integer(gap, 1) and gap < end for gap in gaps)
+    if not whole or any(gap >= later for gap, later in pairwise(gaps)):
+        raise ValueError(f"expected gaps in order, from 1 to {end - 1}, got {gaps!r}")
 
 
 def _listed(names: Sequence[str] | None) -> str:
-    return "none" if names is None else ", ".join(names)
+    return ", ".join(names) if names else "none"

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pacnet.core.old_names import with_new_names
 from pacnet.core.validation import check_fields, is_integer, is_number
-from pacnet.datasets.demonstrations import dimension_names
+from pacnet.datasets.demonstrations import ACTION, dimension_names
 from pacnet.forward_models.config import MLPForwardModelConfig
 from pacnet.network.config import PACNetConfig
 
@@ -19,8 +19,7 @@ class ImitatorConfig:
     """Settings of an `Imitator`; `Imitator.from_demonstrations` chooses them from data.
 
     Attributes:
-        percepts: feature -> names of its dimensions, in the order of the percept; the first
-            feature is the robot's state.
+        percepts: feature -> names of its dimensions, in the order of the percept.
         action: names of the action's dimensions.
         fps: frames per second of the demonstrations [1/s].
         targets: what motor schemas store: the demonstrated `action`, or the `state` `lead` frames
@@ -28,6 +27,9 @@ class ImitatorConfig:
         lead: frames that a `state` lies ahead, ≥ 1.
         network: of the map and the schemas; the map's scale normalizes percepts.
         forward_model: None if targets are actions.
+        state: the features that are the robot's state, with which a percept begins; () for none,
+            None for the first feature, as in older checkpoints.
+        action_features: the features that are the action, in its order.
     """
 
     percepts: Mapping[str, tuple[str, ...]]
@@ -37,18 +39,28 @@ class ImitatorConfig:
     lead: int
     network: PACNetConfig
     forward_model: MLPForwardModelConfig | None = None
+    state: tuple[str, ...] | None = None
+    action_features: tuple[str, ...] = (ACTION,)
 
     def __post_init__(self) -> None:
         """Turn the lists that JSON reads into tuples, and check the fields."""
         percepts = {feature: tuple(names) for feature, names in self.percepts.items()}
         object.__setattr__(self, "percepts", percepts)
         object.__setattr__(self, "action", tuple(self.action))
+        object.__setattr__(self, "action_features", tuple(self.action_features))
+        if self.state is not None:
+            object.__setattr__(self, "state", tuple(self.state))
         needs_model = self.targets == "state"
         dimensions = self.network.attention.dimensions
-        state = next(iter(percepts.values()), ())
-        length = len(state if needs_model else self.action)
+        first = tuple(percepts)[: len(self.state_features)]
         checks = {
             "percepts": (len(self.percept_names) == dimensions, f"of {dimensions} dimensions"),
+            "state": (self.state_features == first, f"as the first of {', '.join(percepts)}"),
+            "action_features": (all(map(_is_name, self.action_features)), "as names"),
+        }
+        check_fields(self, checks)
+        length = self.state_dimensions if needs_model else len(self.action)
+        checks = {
             "fps": (is_number(self.fps) and self.fps > 0, "> 0"),
             "targets": (self.targets in ("action", "state"), '"action" or "state"'),
             "lead": (is_integer(self.lead, 1), "≥ 1"),
@@ -64,9 +76,19 @@ class ImitatorConfig:
         check_fields(self, checks)
 
     @property
+    def state_features(self) -> tuple[str, ...]:
+        """The features that are the robot's state."""
+        return tuple(self.percepts)[:1] if self.state is None else self.state
+
+    @cached_property
     def state_dimensions(self) -> int:
-        """Length S of the robot's state, with which a percept begins."""
-        return len(next(iter(self.percepts.values())))
+        """Length S of the robot's state, with which a percept begins; 0 without one."""
+        return sum(len(self.percepts[feature]) for feature in self.state_features)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the S dimensions of the robot's state, as if there were no other features."""
+        return dimension_names({name: self.percepts[name] for name in self.state_features})
 
     @cached_property  # needed at every step of a control loop
     def percept_names(self) -> tuple[str, ...]:
@@ -88,3 +110,7 @@ class ImitatorConfig:
             return cls(**{**fields, "network": network, "forward_model": model})
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(f"expected the fields of ImitatorConfig, got {error!r}") from error
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and value != ""

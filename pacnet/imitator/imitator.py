@@ -50,7 +50,8 @@ class Imitator(ImitatorState):
         engine: as of `PACNet`.
 
     Attributes:
-        reports: of each demonstration learned; the network's episode number k is `reports[k]`.
+        reports: of each demonstration learned, or of each part of it between gaps; the network's
+            episode number k is `reports[k]`.
 
     Example:
         >>> phase = torch.linspace(0, 1.5, 200)[:, None]
@@ -104,20 +105,22 @@ class Imitator(ImitatorState):
     ) -> list[EpisodeReport]:
         """Learn each demonstration, in order, in addition to what is known.
 
+        Nothing is learned across gaps: the parts between them count as demonstrations each.
         The map learns a demonstration first, so that its nodes are habituated when the targets are
         stored. The scale of percepts never changes. The forward model is fitted to the first
         demonstrations only: it depends on the robot, not on the task. In eval mode nothing is
         learned. Ctrl-C takes effect after the current demonstration; after an error what was known
-        before that demonstration is intact.
+        before that demonstration is intact. The mean first action is of demonstrations that begin
+        with their episode, where there are any.
 
         Args:
             demonstrations: of the same features and rate as all before.
-            progress: called after each demonstration with the number of its frames.
+            progress: called after each continuous part with the number of its frames.
             corrections: whether they show what to do where percepts were novel. Then the novelty
                 thresholds and the mean first action stay the same, however many there are.
 
         Returns:
-            A report for each demonstration; none in eval mode.
+            A report for each continuous part of a demonstration; none in eval mode.
 
         Raises:
             ValueError: other features or another rate; a demonstration that is empty, not finite or
@@ -131,6 +134,7 @@ class Imitator(ImitatorState):
         check_demonstrations(demonstrations, self.config, self.network.sofm)
         if not self.training:
             return []
+        demonstrations = demonstrations.continuous()
         if self.forward_model is not None and not self.reports:
             with full_precision():
                 self._fit(self.forward_model, demonstrations.episodes)
@@ -193,6 +197,15 @@ class Imitator(ImitatorState):
             seed=0,
         )
 
+    def _mean_first_action(self, shown: Demonstration) -> Tensor:
+        """Return the mean first action `[U]` once this demonstration is learned."""
+        starts = [report.first_frame == 0 for report in self.reports if not report.correction]
+        if any(starts) and shown.first_frame > 0:
+            return self.first_action
+        before = sum(starts) if shown.first_frame == 0 else len(starts)
+        mean = self.first_action if before else torch.zeros_like(self.first_action)
+        return mean + (shown.action[0] - mean) / (before + 1)
+
     def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> EpisodeReport:
         """Learn on drafts, which then replace the network and the detector, all at once."""
         with self.network.learning() as draft:  # no other thread learns until the end
@@ -208,8 +221,7 @@ class Imitator(ImitatorState):
             observed = draft.update(percepts)  # first the map alone, so that its nodes habituate
             draft.update(percepts, targets, number, shown.task)
             if not correction:
-                before = sum(not report.correction for report in self.reports)
-                first_action = first_action + (shown.action[0] - first_action) / (before + 1)
+                first_action = self._mean_first_action(shown)
             report = EpisodeReport(
                 dataset,
                 index(shown.episode),
@@ -220,6 +232,7 @@ class Imitator(ImitatorState):
                 novel_share=float(observed.novelty.float().mean()),
                 max_novelty=novelty,
                 correction=correction,
+                first_frame=index(shown.first_frame),
             )
             with self.network.state_lock:
                 self.network.adopt(draft)

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacnet.core.old_names import old_names
+from pacnet.core.validation import check_index
 from pacnet.network.records import Decision
 
 
 @old_names(unfamiliar="max_novelty")
 class EpisodeReport(NamedTuple):
-    """What learning one demonstration changed."""
+    """What learning one demonstration, or one part of it between gaps, changed."""
 
     dataset: str
     """Name of its dataset."""
@@ -33,6 +34,8 @@ class EpisodeReport(NamedTuple):
     """Its largest novelty before it was learned, as in `ImitatorStep`; None for the first."""
     correction: bool = False
     """Whether it showed what to do where percepts were novel."""
+    first_frame: int = 0
+    """The frame of its episode with which it begins."""
 
 
 @old_names(tolerated="threshold")
@@ -64,9 +67,12 @@ def read_reports(rows: Any) -> list[EpisodeReport]:
     """
     new_names = {"unfamiliar": "max_novelty"}
     try:
-        return [
+        reports = [
             EpisodeReport(**{str(new_names.get(name, name)): row[name] for name in row})
             for row in rows
         ]
     except (AttributeError, TypeError) as error:
         raise ValueError(f"expected the episode reports of an Imitator, got: {error}") from error
+    for report in reports:
+        check_index("first_frame in a report", report.first_frame, 2**63)
+    return reports

@@ -70,7 +70,7 @@ class ImitatorState(nn.Module):
         engine: as of `PACNet`.
     """
 
-    first_action: Tensor  # [U], mean over the demonstrations
+    first_action: Tensor  # [U], mean over the demonstrations, see `Imitator.learn`
 
     def __init__(self, config: ImitatorConfig, engine: Engine = "auto") -> None:
         super().__init__()

@@ -15,35 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
+from reaching import FPS, FRAMES, NAMES, assert_same, follow, reach, shown
 
 from pacnet import CompetingSchemas
 from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import EpisodeReport, Imitator
 from pacnet.schemas.targets import targets_ahead
-
-FPS = 50
-NAMES = {
-    "observation.state": ("shoulder", "elbow"),
-    "observation.environment_state": ("glass.x",),
-    "action": ("shoulder", "elbow"),
-}
-FRAMES = 300
-
-
-def reach(seed: int, glass: float = 0.0, task: str = "reach") -> Demonstration:
-    """An arm that swings out and back once, beside a glass, with a little noise."""
-    generator = torch.Generator().manual_seed(seed)
-    phase = torch.linspace(0, 2 * math.pi, FRAMES)
-    path = torch.stack([0.5 - 0.5 * phase.cos(), 0.5 * phase.sin()], dim=1)
-    state = path + 0.01 * torch.randn(FRAMES, 2, generator=generator)
-    place = glass + 0.005 * torch.randn(FRAMES, 1, generator=generator)
-    return Demonstration(seed, task, state, place, path.roll(-1, dims=0))
-
-
-def shown(*episodes: Demonstration, source: str = "reaching") -> Demonstrations:
-    return Demonstrations(FPS, NAMES, episodes, source)
 
 
 @pytest.fixture(scope="module")
@@ -56,11 +34,6 @@ def trained(demonstrations: Demonstrations) -> Imitator:
     imitator = Imitator.from_demonstrations(demonstrations)
     imitator.learn(demonstrations)
     return imitator
-
-
-def follow(imitator: Imitator, percepts: Tensor) -> list:
-    imitator.reset()
-    return [imitator.step(percept) for percept in percepts]
 
 
 def test_it_repeats_the_demonstrated_actions(trained: Imitator):
@@ -487,13 +460,6 @@ def test_states_as_targets_need_actions_that_differ(demonstrations: Demonstratio
     still = [replace(one, action=torch.zeros_like(one.action)) for one in demonstrations]
     with pytest.raises(ValueError, match="expected actions that differ"):
         Imitator.from_demonstrations(shown(*still), targets="state")
-
-
-def assert_same(ours: Imitator, theirs: Imitator) -> None:
-    tensors = theirs.state_dict()
-    assert set(ours.state_dict()) == set(tensors)
-    for name, tensor in ours.state_dict().items():
-        assert torch.equal(tensor, tensors[name]), name
 
 
 def test_the_old_constructor_warns_and_returns_the_same(

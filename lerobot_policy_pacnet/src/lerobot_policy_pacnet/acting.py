@@ -80,7 +80,7 @@ class Actor:
         if self._last is not None:
             return self._last
         config = self.imitator.config
-        state = next(iter(config.percepts.values()))
+        state = config.state_names
         action = self.imitator.first_action.numpy()
         has_names = not any(name.isdecimal() for name in config.action)
         if has_names and set(config.action) <= set(state):  # joint angles as actions

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lerobot.utils.constants import ACTION
+from lerobot.utils.constants import ACTION, OBS_ENV_STATE
 
 from pacnet.datasets.format.info import listed_names
 
@@ -59,6 +59,11 @@ class DatasetDescription:
             frames=meta.total_frames,
             fingerprint=_fingerprint(meta, names),
         )
+
+    @property
+    def state_features(self) -> tuple[str, ...]:
+        """The feature that is the robot's state; none if there is an environment state alone."""
+        return tuple(name for name in [*self.names][:1] if name != OBS_ENV_STATE)
 
     @property
     def percept_dimensions(self) -> int:

@@ -92,6 +92,15 @@ class Training:
                 self.consolidate()
 
     @property
+    def _state_features(self) -> tuple[str, ...]:
+        """The features that are the robot's state: what the base has learned comes first."""
+        return self.dataset.state_features if self.base is None else self.base.config.state_features
+
+    @property
+    def _state_dimensions(self) -> int:
+        return sum(len(self.dataset.names.get(name, ())) for name in self._state_features)
+
+    @property
     def _learns_from_parts(self) -> bool:
         """Whether frames can be learned before their neighbours were added."""
         return self.config.targets == "action"
@@ -111,8 +120,7 @@ class Training:
         if not (self._learns_from_parts or self.frames.is_complete):
             return
         self._tried = count
-        state = len(next(iter(self.dataset.names.values())))
-        shown = self.frames.episodes(state)
+        shown = self.frames.episodes(self._state_dimensions)
         new = self._demonstrations([one for one in shown if content_of(one) not in self.known])
         if self.base is None:
             targets = cast(Any, self.config.targets)
@@ -128,8 +136,8 @@ class Training:
 
     def contents(self) -> frozenset[str]:
         """Return digests of all demonstrations that the imitator knows."""
-        state = len(next(iter(self.dataset.names.values())))
-        return self.known | {content_of(one) for one in self.frames.episodes(state)}
+        shown = self.frames.episodes(self._state_dimensions)
+        return self.known | {content_of(one) for one in shown}
 
     def save(self, folder: Path) -> None:
         """Write the imitator to a folder of its own, and all that is needed to continue.
@@ -184,7 +192,9 @@ class Training:
 
     def _demonstrations(self, episodes: Any) -> Demonstrations:
         dataset = self.dataset
-        return Demonstrations(dataset.fps, dataset.names, tuple(episodes), dataset.source)
+        return Demonstrations(
+            dataset.fps, dataset.names, tuple(episodes), dataset.source, state=self._state_features
+        )
 
 
 def _check_settings(config: PACNetConfig, base: Imitator) -> None:
