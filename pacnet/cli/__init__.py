@@ -9,6 +9,7 @@ import argparse
 import io
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 
 import pacnet
@@ -24,7 +25,8 @@ _EPILOG = """a first session:
   pacnet watch imitator recordings/new --out pictures  show what is novel in other recordings
   pacnet explain imitator recordings/new --episode 0 --frame 120
 
-Datasets are LeRobot datasets (format v3.0) on disk. `pacnet COMMAND --help` describes a command."""
+Datasets are LeRobot datasets (format v3.0, v2.1 or v2.0): folders, or user/name of one that LeRobot
+has downloaded. `pacnet COMMAND --help` describes a command."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -38,7 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")
     try:
         arguments = make_parser().parse_args(argv)
-        arguments.run(arguments)
+        with warnings.catch_warnings():  # ends what `show_notes` begins
+            arguments.run(arguments)
         sys.stdout.flush()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

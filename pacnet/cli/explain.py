@@ -28,7 +28,9 @@ def add_to(commands: Commands) -> None:
     summary = "show why an imitator acts or holds at one frame, and from which demonstrations"
     parser = add_command(commands, "explain", summary, _DETAILS, _EXAMPLE, run)
     add_checkpoint(parser)
-    add_dataset(parser)
+    add_dataset(
+        parser, "As for the other commands; only --episode is read, which must be among them."
+    )
     parser.add_argument(
         "--episode", type=whole_number(0), required=True, metavar="E",
         help="number of the episode in the dataset",
@@ -48,8 +50,12 @@ def run(arguments: argparse.Namespace) -> None:
 
     use_one_thread()
     imitator = load_imitator(arguments.checkpoint)
-    demonstrations = load_percepts(imitator, arguments.dataset)
-    document = explain(imitator, demonstrations, arguments.episode, arguments.frame)
+    episode, several = arguments.episode, arguments.episodes
+    arguments.episodes = [episode]  # the others are not read
+    if several is not None and episode not in several:
+        raise ValueError(f"expected --episode among --episodes, got {episode}")
+    demonstrations = load_percepts(imitator, arguments)
+    document = explain(imitator, demonstrations, episode, arguments.frame)
     if arguments.json:
         print_json(document)
     else:

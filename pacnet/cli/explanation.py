@@ -34,7 +34,7 @@ def explain(
     percepts = shown.percepts[: frame + 1]
     step = [imitator.step(percept) for percept in percepts.numpy()][-1]
     decision, config, percept = step.decision, imitator.config, percepts[-1]
-    state = next(iter(config.percepts.values()))
+    state = imitator.percept_names[: config.state_dimensions]
     return {
         "dataset": demonstrations.source,
         "episode": episode,
@@ -93,8 +93,8 @@ def _origins(imitator: Imitator, step: ImitatorStep) -> list[dict[str, Any]]:
             "dataset": report.dataset,
             "episode": report.episode,
             "task": report.task,
-            "frame": origin.frame,
-            "seconds": origin.frame / imitator.config.fps,
+            "frame": report.first_frame + origin.frame,
+            "seconds": (report.first_frame + origin.frame) / imitator.config.fps,
         }
         for report, origin in zip(reports, origins, strict=True)
     ]

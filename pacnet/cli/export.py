@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> None:
     if Path(arguments.out).exists():
         raise FileExistsError(f"expected a new folder for the copy, {arguments.out} exists")
     imitator = load_imitator(arguments.checkpoint)
-    demonstrations = load_percepts(imitator, arguments.dataset)
+    demonstrations = load_percepts(imitator, arguments)
     columns = column_names(imitator.network.behaviours, imitator.percept_names)
     check_annotatable(arguments.dataset, columns)
     episodes = replay(imitator, demonstrations)

@@ -17,18 +17,20 @@ from pacnet.cli.parsing import (
     whole_number,
 )
 from pacnet.cli.printing import counted, print_pairs, progress_bar, size_text
-from pacnet.cli.reports import describe_reports, print_reports
+from pacnet.cli.reports import count_episodes, describe_reports, print_reports
 
 if TYPE_CHECKING:
     from pacnet.datasets.demonstrations import Demonstrations
     from pacnet.imitator.imitator import Imitator
 
-_DETAILS = """Every episode is learned once, in order. A percept is the state, followed by the
-environment state if the dataset has one; images are ignored. All settings are chosen from the
-data."""
+_DETAILS = """Every episode is learned once, in order; nothing is learned across a gap in time. A
+percept is the state, followed by the environment state if the dataset has one; images are ignored.
+All settings are chosen from the data."""
 _EXAMPLES = """pacnet fit recordings/drinking --out imitator
   pacnet fit recordings/toasting --from imitator --out imitator
+  pacnet fit user/name --state arm --state hand --action actions --exclude 3 --out imitator
   pacnet fit recordings/corrections --corrections --from imitator --out imitator"""
+_NONE = "none"  # in place of a feature's name
 _NO_TARGETS = (
     "no targets were stored, so the imitator never acts: no node of the map won for long enough to "
     "habituate; record longer episodes, or more of them"
@@ -53,14 +55,11 @@ def add_to(commands: Commands) -> None:
         "of novelty stay as they are, however many episodes there are",
     )  # fmt: skip
     parser.add_argument(
-        "--state", metavar="NAME", help="feature that is the state (observation.state)"
-    )
-    parser.add_argument(
-        "--environment-state", metavar="NAME",
-        help="feature that is the environment state, or none to leave it out "
-        "(observation.environment_state if the dataset has it)",
+        "--only-where", metavar="NAME",
+        help="learn only the frames at which this feature is true, such as intervention: a "
+        "correction without what the policy did before it",
     )  # fmt: skip
-    parser.add_argument("--action", metavar="NAME", help="feature that is the action (action)")
+    _add_features(parser)
     parser.add_argument(
         "--targets", choices=("action", "state"),
         help="what is stored for each frame: its action (the default), or the state some frames "
@@ -77,6 +76,28 @@ def add_to(commands: Commands) -> None:
     parser.set_defaults(usage_error=parser.error)
 
 
+def _add_features(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which features are learned, and from which frames."""
+    group = parser.add_argument_group(
+        "which features of the dataset",
+        "Give an option several times for several features, in the order given. With --from they "
+        "are those of the imitator.",
+    )
+    group.add_argument(
+        "--state", action="append", metavar="NAME",
+        help="feature that is the robot's state; none to learn from the environment state alone "
+        "(observation.state)",
+    )  # fmt: skip
+    group.add_argument(
+        "--environment-state", action="append", metavar="NAME",
+        help="feature that is the environment state; none to leave it out "
+        "(observation.environment_state if the dataset has it)",
+    )  # fmt: skip
+    group.add_argument(
+        "--action", action="append", metavar="NAME", help="feature that is the action (action)"
+    )
+
+
 def run(arguments: argparse.Namespace) -> None:
     """Learn, write the checkpoint and print what was learned."""
     _check_usage(arguments)
@@ -88,12 +109,12 @@ def run(arguments: argparse.Namespace) -> None:
     _check_out(arguments, folder)
     use_one_thread()
     imitator, demonstrations = _prepare(arguments)
-    began = time.perf_counter()
-    frames = _learn(imitator, demonstrations, arguments.corrections)
+    before, began = len(imitator.reports), time.perf_counter()
+    _learn(imitator, demonstrations, arguments.corrections)
     seconds = time.perf_counter() - began
     with defer_sigint():
         imitator.save_pretrained(folder)
-    _print(imitator, len(demonstrations), frames, seconds, folder)
+    _print(imitator, before, seconds, folder)
 
 
 def _check_usage(arguments: argparse.Namespace) -> None:
@@ -104,6 +125,11 @@ def _check_usage(arguments: argparse.Namespace) -> None:
     for option in ("targets", "lead"):
         if arguments.origin is not None and getattr(arguments, option) is not None:
             arguments.usage_error(f"argument --{option}: not with --from, which has its own")
+    for option in ("state", "environment_state"):
+        given = getattr(arguments, option) or ()
+        if _NONE in given and len(given) > 1:
+            name = option.replace("_", "-")
+            arguments.usage_error(f"argument --{name}: {_NONE} only by itself")
 
 
 def _check_out(arguments: argparse.Namespace, folder: Path) -> None:
@@ -123,44 +149,46 @@ def _check_out(arguments: argparse.Namespace, folder: Path) -> None:
 
 def _prepare(arguments: argparse.Namespace) -> tuple[Imitator, Demonstrations]:
     """Return the imitator and the demonstrations it is to learn."""
-    from pacnet.cli.loading import feature_names, load_imitator
-    from pacnet.datasets.demonstrations import load_demonstrations
+    from pacnet.cli.loading import load_dataset, load_imitator
     from pacnet.imitator.imitator import Imitator
 
     imitator = None if arguments.origin is None else load_imitator(arguments.origin)
-    features = {} if imitator is None else feature_names(imitator)
+    features = {}
     for name in ("state", "environment_state", "action"):
-        if getattr(arguments, name) is not None:
-            features[name] = getattr(arguments, name)
-    if features.get("environment_state") == "none":
-        features["environment_state"] = None
-    demonstrations = load_demonstrations(arguments.dataset, **features)  # pyright: ignore[reportArgumentType]
+        given = getattr(arguments, name)
+        if given is not None:
+            features[name] = () if given == [_NONE] and name != "action" else tuple(given)
+    demonstrations = load_dataset(arguments, imitator, only_where=arguments.only_where, **features)
     if imitator is None:
         targets, lead = arguments.targets or "action", arguments.lead or 1
         imitator = Imitator.from_demonstrations(demonstrations, targets, lead)
     return imitator, demonstrations
 
 
-def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool) -> int:
-    """Learn, with a progress bar; return the number of frames."""
+def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool) -> None:
+    """Learn, with a progress bar."""
     frames = sum(len(shown.state) for shown in demonstrations)
     if imitator.forward_model is not None and not imitator.reports:
-        transitions = counted(frames - len(demonstrations), "transition")
+        transitions = counted(frames - len(demonstrations.continuous()), "transition")
         print(f"fitting the forward model to {transitions} ...", file=sys.stderr)
     with progress_bar("learning", frames) as advance:
         imitator.learn(demonstrations, advance, corrections=corrections)
-    return frames
 
 
-def _print(imitator: Imitator, episodes: int, frames: int, seconds: float, folder: Path) -> None:
+def _print(imitator: Imitator, before: int, seconds: float, folder: Path) -> None:
+    """Print what was learned after the first `before` reports."""
     from pacnet.cli.loading import size_of
 
-    print_reports(describe_reports(imitator)[-episodes:])
+    print_reports(describe_reports(imitator)[before:])
     print()
-    lengths, total = imitator.network.schemas.lengths, len(imitator.reports)
-    learned = f"{counted(episodes, 'episode')}, {counted(frames, 'frame')} in {seconds:.1f} s"
-    if total > episodes:
-        learned += f" ({counted(total, 'episode')} in all)"
+    lengths, new = imitator.network.schemas.lengths, imitator.reports[before:]
+    episodes, frames = count_episodes(new), sum(report.frames for report in new)
+    parts = f" in {len(new):,} parts" if len(new) > episodes else ""
+    learned = (
+        f"{counted(episodes, 'episode')}{parts}, {counted(frames, 'frame')} in {seconds:.1f} s"
+    )
+    if before:
+        learned += f" ({counted(count_episodes(imitator.reports), 'episode')} in all)"
     print_pairs(
         [
             ("learned", learned),

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
+from typing import Any
 
+from pacnet.cli.notes import show_notes
 from pacnet.core.checkpoint import CONFIG_FILE, TENSOR_FILE, read_checkpoint
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
+from pacnet.datasets.format import MissingFeature
+from pacnet.datasets.format.info import read_info
+from pacnet.datasets.journal.journal import check_folded
+from pacnet.datasets.locate import find_dataset
 from pacnet.imitator.imitator import Imitator
 
 _POLICY = "imitator"  # folder of the checkpoint within that of a LeRobot policy
@@ -62,33 +69,52 @@ def load_imitator(checkpoint: str | Path) -> Imitator:
     return Imitator.from_pretrained(folder)
 
 
-def feature_names(imitator: Imitator) -> dict[str, str | None]:
-    """Return the features of its percepts, as `load_demonstrations` takes them.
+def feature_names(imitator: Imitator) -> dict[str, tuple[str, ...]]:
+    """Return the imitator's features of each kind, as `load_demonstrations` takes them."""
+    config = imitator.config
+    state = config.state_features
+    rest = tuple(feature for feature in config.percepts if feature not in state)
+    return {"state": state, "environment_state": rest, "action": config.action_features}
+
+
+def load_dataset(
+    arguments: argparse.Namespace, imitator: Imitator | None, **options: Any
+) -> Demonstrations:
+    """Load the episodes of a dataset that the arguments of `parsing.add_dataset` ask for.
+
+    What its files contradict is printed on stderr from now on.
+
+    Args:
+        arguments: of the command.
+        imitator: whose features are loaded where the options name no others; None for the usual.
+        options: as `load_demonstrations` takes them.
 
     Raises:
-        ValueError: some are encoded images, and the command line has no encoder.
+        DatasetError: the dataset cannot be read.
+        ValueError: it lacks a feature that the imitator has learned, or a feature is given twice.
     """
-    features = list(imitator.config.percepts)
-    if len(features) > 2:
-        raise ValueError(
-            "expected percepts of a state and an environment state alone, got "
-            f"{', '.join(features)}: images need their encoder, use pacnet.Imitator in Python"
-        )
-    return {"state": features[0], "environment_state": features[1] if features[1:] else None}
+    show_notes()
+    if imitator is not None:
+        _check_there(imitator, arguments.dataset)
+        options = feature_names(imitator) | options
+    return load_demonstrations(
+        arguments.dataset,
+        episodes=arguments.episodes,
+        exclude=arguments.exclude,
+        skip_damaged=arguments.skip_damaged,
+        **options,
+    )
 
 
-def load_percepts(imitator: Imitator, dataset: str) -> Demonstrations:
+def load_percepts(imitator: Imitator, arguments: argparse.Namespace) -> Demonstrations:
     """Load the percepts of a dataset for an imitator; the dataset needs no actions.
 
     Raises:
         DatasetError: the dataset cannot be read.
         ValueError: its features or its rate are not the imitator's.
     """
-    features = feature_names(imitator)
-    state, environment_state = str(features["state"]), features["environment_state"]
-    demonstrations = load_demonstrations(
-        dataset, state=state, environment_state=environment_state, action=state
-    )
+    dataset = arguments.dataset
+    demonstrations = load_dataset(arguments, imitator, action=None)
     for feature, names in imitator.config.percepts.items():
         got = demonstrations.names.get(feature, ())
         if got != names:
@@ -102,3 +128,18 @@ def load_percepts(imitator: Imitator, dataset: str) -> Demonstrations:
             f"got {demonstrations.fps:g} in {dataset}"
         )
     return demonstrations
+
+
+def _check_there(imitator: Imitator, dataset: str) -> None:
+    """Raise a ValueError if a dataset lacks a feature that the imitator has learned."""
+    from pacnet.datasets.format.vectors import check_vectors
+
+    root = find_dataset(dataset)
+    check_folded(root)
+    learned = imitator.config.percepts
+    try:
+        check_vectors(root, read_info(root), [*learned])
+    except MissingFeature as error:
+        raise ValueError(
+            f"{error}: the imitator has learned {' and '.join(map(repr, learned))}"
+        ) from None

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """Where commands are added to the main parser."""
+
+_MOST_EPISODES = 1_000_000  # in a list of numbers
 
 
 def add_command(
@@ -39,11 +42,31 @@ def add_checkpoint(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def add_dataset(parser: argparse.ArgumentParser) -> None:
-    """Add the argument DATASET."""
+def add_dataset(parser: argparse.ArgumentParser, about_episodes: str | None = None) -> None:
+    """Add the argument DATASET, and the options that say which episodes of it are read.
+
+    Args:
+        parser: of a command.
+        about_episodes: what the help says of these options.
+    """
     parser.add_argument(
-        "dataset", type=path, metavar="DATASET", help="folder of a LeRobot dataset (format v3.0)"
-    )
+        "dataset", type=path, metavar="DATASET",
+        help="folder of a LeRobot dataset (format v3.0, v2.1 or v2.0), or user/name of one that "
+        "LeRobot has downloaded",
+    )  # fmt: skip
+    group = parser.add_argument_group("which episodes of the dataset", about_episodes)
+    group.add_argument(
+        "--episodes", type=numbers, action="extend", metavar="LIST",
+        help="only these, as in 0,2,5-9 (all)",
+    )  # fmt: skip
+    group.add_argument(
+        "--exclude", type=numbers, action="extend", metavar="LIST", default=[],
+        help="not these, as in 3,7-8",
+    )  # fmt: skip
+    group.add_argument(
+        "--skip-damaged", action="store_true",
+        help="leave out files that cannot be read and incomplete episodes, and list them",
+    )  # fmt: skip
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -64,6 +87,28 @@ def whole_number(lowest: int) -> Callable[[str], int]:
         return value
 
     return parse
+
+
+def numbers(text: str) -> list[int]:
+    """Return the numbers of a list such as 0,2,5-9, for argparse."""
+    ranges = [re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", part.strip()) for part in text.split(",")]
+    if not all(ranges):
+        raise argparse.ArgumentTypeError(
+            f"expected numbers and ranges of episodes, such as 0,2,5-9, got {text!r}"
+        )
+    found: list[int] = []
+    for first, last in (part.groups() for part in ranges if part):
+        added = range(int(first), int(last or first) + 1)
+        if not added:
+            raise argparse.ArgumentTypeError(
+                f"expected ranges from a lower to a higher number, got {first}-{last}"
+            )
+        if len(found) + len(added) > _MOST_EPISODES:
+            raise argparse.ArgumentTypeError(
+                f"expected at most {_MOST_EPISODES:,} episodes, got {text!r}"
+            )
+        found += added
+    return found
 
 
 def path(text: str) -> str:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from pacnet.cli.printing import NOTHING, print_table
 
 if TYPE_CHECKING:
     from pacnet.imitator.imitator import Imitator
+    from pacnet.imitator.records import EpisodeReport
 
 _HEADS = (
     "<dataset", "episode", "<task", "frames", "new nodes", "nodes", "stored", "novelty",
@@ -34,6 +36,15 @@ def describe_reports(imitator: Imitator) -> list[dict[str, Any]]:
     return rows
 
 
+def count_episodes(reports: Sequence[EpisodeReport]) -> int:
+    """Return the number of episodes; those that are learned in parts have several reports."""
+    places = [(report.dataset, report.episode, report.first_frame) for report in reports]
+    continued = sum(
+        before[:2] == after[:2] and before[2] < after[2] for before, after in pairwise(places)
+    )
+    return len(places) - continued
+
+
 def print_reports(rows: Iterable[Mapping[str, Any]]) -> None:
     """Print what `describe_reports` returned, and what the columns mean."""
     print_table(_HEADS, map(_cells, rows))
@@ -44,7 +55,7 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     novelty = row["max_novelty"]
     return (
         row["dataset"],
-        f"{row['episode']}",
+        _place(row["episode"], row["first_frame"]),
         row["task"] or "untitled",
         f"{row['frames']:,}",
         f"{row['new_nodes']}",
@@ -52,3 +63,8 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
         f"{row['stored_share']:.1%}",
         NOTHING if novelty is None else f"{novelty:.2f}",
     )
+
+
+def _place(episode: int, first_frame: int) -> str:
+    """Return an episode's number, with the frame from which a later part of it begins."""
+    return f"{episode} from frame {first_frame:,}" if first_frame else f"{episode}"

@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> None:
     from pacnet.evaluation.recognized import display_names
 
     imitator = load_imitator(arguments.checkpoint)
-    demonstrations = load_percepts(imitator, arguments.dataset)
+    demonstrations = load_percepts(imitator, arguments)
     _make_folders(arguments)
     episodes = list(replay(imitator, demonstrations))
     fps = demonstrations.fps

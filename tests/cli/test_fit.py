@@ -119,9 +119,10 @@ def test_fit_replaces_a_checkpoint_only_when_asked(
 def test_fit_takes_features_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     names = dict(zip(("observation.hand", "observation.cup", "aim"), NAMES.values(), strict=True))
     root = record(tmp_path / "renamed", ("drink", "wave"), 1002, names=names)
-    assert "expected the feature 'observation.state'" in refusal(
-        capsys, "fit", root, "--out", tmp_path / "out"
-    )
+    message = refusal(capsys, "fit", root, "--out", tmp_path / "out")
+    assert "expected the features 'observation.state' and 'action'" in message
+    assert "'observation.hand' [2], 'observation.cup' [1], 'aim' [2]" in message
+    assert "--state NAME and --action NAME" in message
     options = ("--state", "observation.hand", "--action", "aim")
     cup = ("--environment-state", "observation.cup")
     assert run("fit", root, *options, *cup, "--out", tmp_path / "out") == 0
