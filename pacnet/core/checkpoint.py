@@ -22,6 +22,7 @@ from torch import Tensor
 from pacnet.core.durable import NEW, open_synced, sync_folder
 from pacnet.core.integrity import check_finite
 from pacnet.core.old_names import with_new_names
+from pacnet.core.parts import REMEDY, check_part, parse_json
 
 CONFIG_FILE = "config.json"
 TENSOR_FILE = "model.safetensors"
@@ -122,9 +123,12 @@ def read_checkpoint(folder: str | Path) -> tuple[dict[str, Any], dict[str, Tenso
         ValueError: a damaged file, another format, or a version that this release cannot read.
     """
     folder = Path(folder)
-    path = folder / TENSOR_FILE
-    if not path.is_file():
-        raise FileNotFoundError(f"expected a checkpoint folder with {TENSOR_FILE}, got '{folder}'")
+    if not (folder / TENSOR_FILE).exists():
+        got = f"without it: {REMEDY}" if folder.is_dir() else "which is no folder"
+        raise FileNotFoundError(
+            f"expected a checkpoint folder with {TENSOR_FILE}, got '{folder}', {got}"
+        )
+    path = check_part(folder, TENSOR_FILE)
     tensors, config_digest, tensor_digest = _read_tensors(path)
     text, config = _read_config(folder, config_digest)
     if tensor_digest is None:
@@ -169,10 +173,12 @@ def _read_tensors(path: Path) -> tuple[dict[str, Tensor], str | None, str | None
         found = tensor_digest and _tensor_digest(config_digest, tensors)
     except (SafetensorError, OverflowError, RuntimeError, TypeError) as error:
         reason = str(error).partition("\n")[0]  # without torch's list of callers
-        raise ValueError(f"expected a whole safetensors file, got '{path}': {reason}") from error
+        raise ValueError(
+            f"expected a whole safetensors file, got '{path}': {reason}: {REMEDY}"
+        ) from error
     if found != tensor_digest:
         raise ValueError(
-            f"expected the tensors that were written to '{path}', got others: it is damaged"
+            f"expected the tensors that were written to '{path}', got others: {REMEDY}"
         )
     return tensors, config_digest, tensor_digest
 
@@ -194,14 +200,13 @@ def _read_config(folder: Path, digest: str | None) -> tuple[bytes, dict[str, Any
     path, new = folder / CONFIG_FILE, folder / (CONFIG_FILE + NEW)
     if new.is_file() and _digest(new.read_bytes()) == digest:
         path = new
-    if not path.is_file():
-        raise FileNotFoundError(f"expected {CONFIG_FILE} beside {TENSOR_FILE} in '{folder}'")
-    text = path.read_bytes()
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"expected JSON, got '{path}': {error}") from error
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
+    if not path.exists():
+        raise FileNotFoundError(
+            f"expected {CONFIG_FILE} beside {TENSOR_FILE} in '{folder}', got none: {REMEDY}"
+        )
+    text = check_part(folder, path.name).read_bytes()
+    document = parse_json(path, text)
+    if document.get("format") != FORMAT:
         raise ValueError(f"expected a checkpoint of format '{FORMAT}', got '{path}' without it")
     version = document.get("version")
     if type(version) is not int or version != VERSION:
