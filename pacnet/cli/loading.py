@@ -11,9 +11,6 @@ from pacnet.cli.notes import show_notes
 from pacnet.core.checkpoint import CONFIG_FILE, TENSOR_FILE, read_checkpoint
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.datasets.format import MissingFeature
-from pacnet.datasets.format.info import read_info
-from pacnet.datasets.journal.journal import check_folded
-from pacnet.datasets.locate import find_dataset
 from pacnet.imitator.imitator import Imitator
 
 _POLICY = "imitator"  # folder of the checkpoint within that of a LeRobot policy
@@ -94,16 +91,22 @@ def load_dataset(
         ValueError: it lacks a feature that the imitator has learned, or a feature is given twice.
     """
     show_notes()
-    if imitator is not None:
-        _check_there(imitator, arguments.dataset)
-        options = feature_names(imitator) | options
-    return load_demonstrations(
-        arguments.dataset,
-        episodes=arguments.episodes,
-        exclude=arguments.exclude,
-        skip_damaged=arguments.skip_damaged,
-        **options,
-    )
+    learned: dict[str, Any] = {} if imitator is None else {**feature_names(imitator)}
+    try:
+        return load_demonstrations(
+            arguments.dataset,
+            episodes=arguments.episodes,
+            exclude=arguments.exclude,
+            skip_damaged=arguments.skip_damaged,
+            **learned | options,
+        )
+    except MissingFeature as error:
+        percepts = {} if imitator is None else imitator.config.percepts
+        if not any(name in percepts for name in error.features):
+            raise
+        raise ValueError(
+            f"{error.problem}: the imitator has learned {' and '.join(map(repr, percepts))}"
+        ) from None
 
 
 def load_percepts(imitator: Imitator, arguments: argparse.Namespace) -> Demonstrations:
@@ -128,18 +131,3 @@ def load_percepts(imitator: Imitator, arguments: argparse.Namespace) -> Demonstr
             f"got {demonstrations.fps:g} in {dataset}"
         )
     return demonstrations
-
-
-def _check_there(imitator: Imitator, dataset: str) -> None:
-    """Raise a ValueError if a dataset lacks a feature that the imitator has learned."""
-    from pacnet.datasets.format.vectors import check_vectors
-
-    root = find_dataset(dataset)
-    check_folded(root)
-    learned = imitator.config.percepts
-    try:
-        check_vectors(root, read_info(root), [*learned])
-    except MissingFeature as error:
-        raise ValueError(
-            f"{error}: the imitator has learned {' and '.join(map(repr, learned))}"
-        ) from None

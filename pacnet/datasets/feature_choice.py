@@ -75,4 +75,5 @@ def explain_missing(error: MissingFeature, features: Features) -> MissingFeature
         return error
     options = " and ".join(f"--{kind.replace('_', '-')} NAME" for kind in kinds)
     arguments = ", ".join(f"{kind}=NAME" for kind in kinds)
-    return MissingFeature(f"{error}: choose with {options} ({arguments} in Python)", error.features)
+    hint = f": choose with {options} ({arguments} in Python)"
+    return MissingFeature(error.problem, error.features, hint)

@@ -17,11 +17,12 @@ class MissingFeature(DatasetError):  # noqa: N818 — it is a kind of DatasetErr
 
     Attributes:
         features: the names that were asked for.
+        problem: the message without what to do.
     """
 
-    def __init__(self, message: str, features: tuple[str, ...] = ()) -> None:
-        super().__init__(message)
-        self.features = features
+    def __init__(self, problem: str, features: tuple[str, ...], hint: str = "") -> None:
+        super().__init__(problem + hint)
+        self.problem, self.features = problem, features
 
 
 class DatasetWarning(UserWarning):
