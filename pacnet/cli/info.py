@@ -43,11 +43,11 @@ def run(arguments: argparse.Namespace) -> None:
 
 def describe(checkpoint: str) -> dict[str, Any]:
     """Return a description of a checkpoint, for JSON."""
-    from pacnet.cli.loading import checkpoint_folder, kind_of, load_imitator, size_of
+    from pacnet.cli.loading import existing_checkpoint, kind_of, load_imitator, size_of
     from pacnet.core.checkpoint import read_checkpoint
     from pacnet.network.network import PACNet
 
-    folder = checkpoint_folder(checkpoint)
+    folder = existing_checkpoint(checkpoint)
     kind = kind_of(folder)
     document: dict[str, Any] = {"kind": kind, "folder": str(folder), "bytes": size_of(folder)}
     if kind == "Imitator":

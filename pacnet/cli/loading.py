@@ -9,6 +9,7 @@ from typing import Any
 
 from pacnet.cli.notes import show_notes
 from pacnet.core.checkpoint import CONFIG_FILE, TENSOR_FILE, read_checkpoint
+from pacnet.core.parts import REMEDY
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.datasets.format import MissingFeature
 from pacnet.imitator.imitator import Imitator
@@ -31,6 +32,22 @@ def checkpoint_folder(folder: str | Path) -> Path:
         config = None
     is_policy = isinstance(config, dict) and config.get("type") == "pacnet"
     return folder / _POLICY if is_policy else folder
+
+
+def existing_checkpoint(checkpoint: str | Path) -> Path:
+    """Return the folder of a checkpoint, as `checkpoint_folder`, that is to be read.
+
+    Raises:
+        FileNotFoundError: a LeRobot policy without a checkpoint.
+        ValueError: an empty name.
+    """
+    folder = checkpoint_folder(checkpoint)
+    if folder != Path(checkpoint) and not folder.is_dir():
+        raise FileNotFoundError(
+            f"expected the folder {_POLICY} of a trained policy in '{checkpoint}', got none: it "
+            f"has learned nothing yet, or its copy is incomplete; then {REMEDY}"
+        )
+    return folder
 
 
 def kind_of(folder: Path) -> str:
@@ -56,7 +73,7 @@ def load_imitator(checkpoint: str | Path) -> Imitator:
         FileNotFoundError: no checkpoint there.
         ValueError: it is damaged, or of something else.
     """
-    folder = checkpoint_folder(checkpoint)
+    folder = existing_checkpoint(checkpoint)
     kind = kind_of(folder)
     if kind != Imitator.__name__:
         raise ValueError(

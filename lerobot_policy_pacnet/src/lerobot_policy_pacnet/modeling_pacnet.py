@@ -20,6 +20,7 @@ from torch import Tensor, nn
 from lerobot_policy_pacnet.acting import Actor, Ask
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
+from lerobot_policy_pacnet.parts import check_policy, record_parts
 from lerobot_policy_pacnet.training import Training
 from pacnet.imitator.imitator import Imitator, full_precision
 from pacnet.imitator.records import ImitatorStep
@@ -150,11 +151,16 @@ class PACNetPolicy(PreTrainedPolicy):
         Args:
             pretrained_name_or_path: folder, or the name of a repository on the Hub.
             kwargs: as of LeRobot's policies.
+
+        Raises:
+            FileNotFoundError: a part of the folder is missing.
+            ValueError: a part is damaged, or a Git LFS pointer.
         """
         folder = Path(pretrained_name_or_path)
         if not folder.is_dir():
             options = {name: kwargs[name] for name in _DOWNLOAD if name in kwargs}
             folder = Path(snapshot_download(str(pretrained_name_or_path), **options))
+        check_policy(folder, needs_config=kwargs.get("config") is None)
         policy = super().from_pretrained(folder, **kwargs)
         policy._training = Training.load(policy.config, folder)
         return policy
@@ -163,7 +169,7 @@ class PACNetPolicy(PreTrainedPolicy):
         self._consolidate()
         super()._save_pretrained(save_directory, **kwargs)
         if self._training is not None:
-            self._training.save(Path(save_directory))
+            record_parts(Path(save_directory), self._training.save(Path(save_directory)))
             logger.info("saved %s", self._training)
             if not self._training.is_finished:
                 logger.warning(

@@ -19,11 +19,12 @@ from torch import Tensor
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.frames import Frames, content_of
+from lerobot_policy_pacnet.parts import BASE, IMITATOR, STATE, check_subfolder, read_tensors_part
 from pacnet.core.durable import write_atomically
+from pacnet.core.parts import REMEDY
 from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.imitator.imitator import Imitator
 
-IMITATOR, BASE, STATE = "imitator", "base", "training.safetensors"  # in a checkpoint's folder
 ENOUGH = 256  # frames to collect before learning begins, unless the dataset has fewer
 
 
@@ -139,11 +140,14 @@ class Training:
         shown = self.frames.episodes(self._state_dimensions)
         return self.known | {content_of(one) for one in shown}
 
-    def save(self, folder: Path) -> None:
+    def save(self, folder: Path) -> list[str]:
         """Write the imitator to a folder of its own, and all that is needed to continue.
 
         Args:
             folder: of the checkpoint; it exists.
+
+        Returns:
+            The names of the files and folders written.
         """
         from safetensors.torch import save
 
@@ -162,21 +166,36 @@ class Training:
         }
         contiguous = {name: tensor.contiguous() for name, tensor in tensors.items()}
         write_atomically(folder / STATE, save(contiguous, {"training": json.dumps(facts)}))
+        imitators = {IMITATOR: self.imitator, BASE: self.base}
+        return [STATE, *(name for name, part in imitators.items() if part is not None)]
 
     @classmethod
     def load(cls, config: PACNetConfig, folder: Path) -> Training | None:
         """Return what `save` wrote; None if there is nothing.
 
         Raises:
+            FileNotFoundError: a part is missing.
             ValueError: a damaged file, or other settings than those it was learned with.
         """
-        from safetensors import safe_open
-
-        if not (folder / STATE).is_file():
+        if not (folder / STATE).exists():
             return None
-        with safe_open(folder / STATE, framework="pt") as file:
-            facts = json.loads(file.metadata()["training"])
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        tensors, entries = read_tensors_part(folder, STATE)
+        try:
+            facts = json.loads(entries["training"])
+            for name, belongs in _imitators(facts).items():
+                if belongs:
+                    check_subfolder(folder, name)
+            training = cls._restored(config, folder, facts, tensors)
+        except (KeyError, TypeError, IndexError, RuntimeError) as error:
+            raise ValueError(
+                f"expected a whole training in '{folder / STATE}', got another: {error!r}: {REMEDY}"
+            ) from error
+        return training
+
+    @classmethod
+    def _restored(
+        cls, config: PACNetConfig, folder: Path, facts: Any, tensors: dict[str, Tensor]
+    ) -> Training:
         base = Imitator.from_pretrained(folder / BASE) if facts["has_base"] else None
         dataset, known = DatasetDescription(**facts["dataset"]), frozenset(facts["known"])
         training = cls(config, dataset, base, known)
@@ -185,7 +204,7 @@ class Training:
         else:
             training.frames.restore(tensors, facts["tasks"])
         training._learned = training._tried = facts["learned"]
-        if (folder / IMITATOR).is_dir():
+        if _imitators(facts)[IMITATOR]:
             training.imitator = Imitator.from_pretrained(folder / IMITATOR)
             _check_settings(config, training.imitator)
         return training
@@ -195,6 +214,12 @@ class Training:
         return Demonstrations(
             dataset.fps, dataset.names, tuple(episodes), dataset.source, state=self._state_features
         )
+
+
+def _imitators(facts: Any) -> dict[str, bool]:
+    """Return which imitators belong to a training."""
+    has_learned = bool(facts["has_base"] or facts["learned"] or facts["finished"])
+    return {IMITATOR: has_learned, BASE: bool(facts["has_base"])}
 
 
 def _check_settings(config: PACNetConfig, base: Imitator) -> None:
