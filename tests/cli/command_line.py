@@ -5,7 +5,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +106,21 @@ def edit_info(root: Path, change) -> None:
     info = json.loads(path.read_text())
     change(info)
     path.write_text(json.dumps(info))
+
+
+def edit_frames(root: Path, change: Callable[[dict[str, list]], None]) -> None:
+    """Change the columns of a dataset's frames; new columns may be added."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    (path,) = (root / "data").rglob("*.parquet")
+    table = pq.read_table(path)
+    types = {field.name: field.type for field in table.schema}
+    columns = table.to_pydict()
+    change(columns)
+    pq.write_table(
+        pa.table({name: pa.array(columns[name], types.get(name)) for name in columns}), path
+    )
 
 
 COMMANDS = {
