@@ -204,7 +204,9 @@ def test_explain_names_frames_of_the_episode_not_of_its_part(
 def test_watch_runs_over_whole_episodes(
     imitator: Path, gapped: Path, capsys: pytest.CaptureFixture[str]
 ):
+    usual = warnings.showwarning
     assert run("watch", imitator, gapped) == 0
+    assert warnings.showwarning is usual
     out, error = capsys.readouterr()
     assert [row[0] for row in rows_under("episode", out)] == ["0", "1", "2", "3"]
     assert unannounced(error).startswith("note: ")
