@@ -489,6 +489,47 @@ def test_wheels_do_not_turn_before_the_first_action(
     assert action.tolist() == [float(row[0]), 0.0]
 
 
+def surroundings_alone() -> Demonstrations:
+    """The same waves, all of them seen in the surroundings, where names are those of the action."""
+    shown = tuple(
+        replace(one, state=one.state[:, :0], environment_state=one.percepts) for one in waves(0)
+    )
+    names = {GLASS: ("shoulder", "elbow", "glass"), ACTION: ("shoulder", "elbow")}
+    return Demonstrations(FPS, names, shown, "surroundings", state=())
+
+
+def test_an_environment_state_alone_is_no_state_of_the_robot(tmp_path: Path):
+    dataset = surroundings_alone()
+    policy = policy_for(dataset)
+    learn(policy, batches(dataset, 0, 64))
+    assert_same(policy.imitator, learned_in_order(dataset))
+    again = reloaded(policy, tmp_path, dataset)
+    learn(again, batches(dataset, 1, 64))  # it knows these episodes
+    assert_same(again.imitator, learned_in_order(dataset))
+    mean_first = torch.stack([one.action[0] for one in dataset]).mean(dim=0)
+    far = {GLASS: torch.tensor([[30.0, 30.0, 0.5]])}  # what surrounds a robot is not its posture
+    torch.testing.assert_close(policy.eval().select_action(far)[0], mean_first)
+
+
+def test_an_imitator_keeps_what_its_state_is(tmp_path: Path):
+    """One from when the first feature was always the state goes on with a dataset alike."""
+    dataset = surroundings_alone()
+    policy = policy_for(dataset)
+    learn(policy, batches(dataset, 0, 64))
+    policy.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path / "imitator")
+    del fields["state"], fields["action_features"]
+    write_checkpoint(tmp_path / "imitator", fields, tensors)
+    more = replace(dataset, episodes=dataset.episodes[:1], source="more")
+    more = replace(more, episodes=(replace(more.episodes[0], task="another"),))
+    again = PACNetPolicy.from_pretrained(
+        tmp_path, config=config_of(dataset.names), dataset_meta=meta_of(more)
+    )
+    learn(again, batches(more, 0, 64))
+    assert again.imitator.config.state_features == (GLASS,)
+    assert [report.dataset for report in again.imitator.reports] == 3 * ["surroundings"] + ["more"]
+
+
 def test_names_given_with_their_indices_are_read():
     features = meta_of(waves(0)).features
     features[ACTION]["names"] = {"delta_y": 1, "delta_x": 0}  # as of gamepads and keyboards
