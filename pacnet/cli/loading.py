@@ -9,7 +9,7 @@ from typing import Any
 
 from pacnet.cli.notes import show_notes
 from pacnet.core.checkpoint import CONFIG_FILE, TENSOR_FILE, read_checkpoint
-from pacnet.core.parts import REMEDY
+from pacnet.core.parts import REMEDY, read_json_part
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.datasets.format import MissingFeature
 from pacnet.imitator.imitator import Imitator
@@ -28,7 +28,7 @@ def checkpoint_folder(folder: str | Path) -> Path:
     folder = Path(folder)
     try:
         config = json.loads((folder / CONFIG_FILE).read_bytes())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         config = None
     is_policy = isinstance(config, dict) and config.get("type") == "pacnet"
     return folder / _POLICY if is_policy else folder
@@ -38,10 +38,12 @@ def existing_checkpoint(checkpoint: str | Path) -> Path:
     """Return the folder of a checkpoint, as `checkpoint_folder`, that is to be read.
 
     Raises:
-        FileNotFoundError: a LeRobot policy without a checkpoint.
-        ValueError: an empty name.
+        FileNotFoundError: a LeRobot policy without a checkpoint or without its config.
+        ValueError: an empty name, or a policy with a damaged config.
     """
     folder = checkpoint_folder(checkpoint)
+    if (Path(checkpoint) / _POLICY).is_dir():
+        read_json_part(Path(checkpoint), CONFIG_FILE)
     if folder != Path(checkpoint) and not folder.is_dir():
         raise FileNotFoundError(
             f"expected the folder {_POLICY} of a trained policy in '{checkpoint}', got none: it "

@@ -1,12 +1,22 @@
 """`pacnet info` describes every kind of checkpoint."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import PROJECT, STATE, SURROUNDINGS, rows_under, run, trained, value_of
+from command_line import (
+    PROJECT,
+    STATE,
+    SURROUNDINGS,
+    refusal,
+    rows_under,
+    run,
+    trained,
+    value_of,
+)
 from safetensors.torch import load_file
 
 from pacnet.datasets.demonstrations import load_demonstrations
@@ -71,6 +81,20 @@ def test_info_describes_every_shipped_checkpoint(name: str, capsys: pytest.Captu
         assert document["numbers"] == sum(tensor.numel() for tensor in tensors.values())
     assert run("info", folder) == 0
     assert document["kind"] in value_of("checkpoint", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("content", [None, "", '{"type": "pac', "[]"])
+def test_a_policy_whose_own_config_is_missing_or_damaged_is_refused_by_its_name(
+    imitator: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str | None
+):
+    policy = tmp_path / "policy"
+    shutil.copytree(imitator, policy / "imitator")
+    shutil.copy(imitator / "model.safetensors", policy)  # any file of tensors
+    if content is not None:
+        (policy / "config.json").write_text(content)
+    assert re.search(
+        r"config\.json.* copy or download the whole folder", refusal(capsys, "info", policy)
+    )
 
 
 def test_commands_find_the_imitator_of_a_policy(
