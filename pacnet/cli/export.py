@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 
 from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_dataset, path
-from pacnet.cli.printing import counted, print_pairs
+from pacnet.cli.printing import counted, print_pairs, progress_bar
 
 _DETAILS = """The copy is a LeRobot dataset with extra columns: behaviour (probability of each known
 one), progress, novelty (above 1 is novel), is_novel, winner (node of the map, -1 without a match),
-expected_next and expected_end (percepts). LeRobot's policies ignore them. Datasets with images
-cannot be copied."""
+expected_next and expected_end (percepts). LeRobot's policies ignore them. Its format is v3.0,
+whatever that of the dataset is. Videos are hard-linked, or copied to another file system."""
 _EXAMPLE = "pacnet export imitator recordings/new --out recordings/new_annotated"
 
 
@@ -25,6 +25,7 @@ def add_to(commands: Commands) -> None:
         "--out", type=path, metavar="DIR", required=True,
         help="folder of the copy; it must not exist yet",
     )  # fmt: skip
+    parser.add_argument("--no-videos", action="store_true", help="leave videos out of the copy")
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -39,10 +40,18 @@ def run(arguments: argparse.Namespace) -> None:
     imitator = load_imitator(arguments.checkpoint)
     demonstrations = load_percepts(imitator, arguments)
     columns = column_names(imitator.network.behaviours, imitator.percept_names)
-    check_annotatable(arguments.dataset, columns)
+    copied = {
+        "selected": [demonstration.episode for demonstration in demonstrations],
+        "videos": not arguments.no_videos,
+    }
+    check_annotatable(arguments.dataset, columns, **copied)
     episodes = replay(imitator, demonstrations)
     values = (column_values(episode.recognized.recognition) for episode in episodes)
-    write_annotated(arguments.dataset, arguments.out, columns, values)
+    total = sum(len(demonstration.state) for demonstration in demonstrations)
+    with progress_bar("copying", total) as progress:
+        write_annotated(
+            arguments.dataset, arguments.out, columns, values, progress=progress, **copied
+        )
     print_pairs(
         [
             ("dataset", f"{arguments.out}, {counted(len(demonstrations), 'episode')}"),

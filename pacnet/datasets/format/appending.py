@@ -30,7 +30,7 @@ from pacnet.datasets.format.paths import path_for_file, path_inside
 from pacnet.datasets.format.tables import TASKS, read_tasks
 
 STATISTICS = "meta/stats.json"
-_EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _POINTERS = (
     "data/chunk_index", "data/file_index", "dataset_to_index", "meta/episodes/chunk_index",
     "meta/episodes/file_index",
@@ -76,7 +76,7 @@ class Dataset(NamedTuple):
 
     def episodes_path(self) -> str:
         """Return the path of the next file of episodes in the dataset's folder."""
-        return _EPISODES.format(**self.next_episodes_file._asdict())
+        return EPISODES_PATH.format(**self.next_episodes_file._asdict())
 
 
 def open_dataset(root: Path, recording: Recording) -> Dataset:

@@ -51,7 +51,7 @@ def read_data_files(root: Path, features: Sequence[str]) -> DataFiles:
     dimensions: dict[str, int] = {}
     for path in data_paths(root):
         try:
-            files.append(_read_file(path, features, dimensions))
+            files.append(read_data_file(path, features, dimensions))
         except DatasetError as error:
             damaged[path] = error
     if not files:
@@ -63,7 +63,7 @@ def read_data_files(root: Path, features: Sequence[str]) -> DataFiles:
     return DataFiles(columns, damaged)
 
 
-def _read_file(path: Path, features: Sequence[str], dimensions: dict[str, int]) -> Columns:
+def read_data_file(path: Path, features: Sequence[str], dimensions: dict[str, int]) -> Columns:
     """Read one file; `dimensions` are those of the files before, and are completed."""
     with open_parquet(path) as file:
         there = file.schema_arrow.names

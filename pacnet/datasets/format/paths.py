@@ -37,6 +37,20 @@ def path_inside(root: Path, relative: object) -> Path:
     return path
 
 
+def path_of_source(root: Path, relative: object) -> Path:
+    """Return a path in a dataset that is only read; Hugging Face's cache links to `blobs/`.
+
+    There the dataset is `REPOSITORY/snapshots/REVISION`, and its files are links to
+    `REPOSITORY/blobs/HASH`.
+    """
+    folder = real_path(root)
+    if _is_plain(relative) and folder.parent.name == "snapshots":
+        path = root / relative
+        if real_path(path).parent == folder.parent.parent / "blobs":
+            return path
+    return path_inside(root, relative)
+
+
 def path_for_file(root: Path, relative: object) -> Path:
     """Return a path in a dataset after checking that a file can be moved to it."""
     path = path_inside(root, relative)

@@ -6,15 +6,12 @@ all frames, so each fold reads the old data files; it rewrites none of them.
 """
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from pacnet.core.durable import open_synced
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.appending import (
     STATISTICS,
@@ -28,6 +25,13 @@ from pacnet.datasets.format.info import INFO, json_bytes
 from pacnet.datasets.format.parquet import read_columns, to_arrow, to_numpy
 from pacnet.datasets.format.statistics import statistics
 from pacnet.datasets.format.tables import TASKS, episodes_table, tasks_table
+from pacnet.datasets.format.writing import (
+    DataFiles,
+    episode_row,
+    parquet_content,
+    with_index_columns,
+    write_synced,
+)
 from pacnet.datasets.journal.episode_file import read_episode
 from pacnet.datasets.journal.journal import Journal
 from pacnet.datasets.journal.staging import Stage, finish_commit
@@ -78,7 +82,7 @@ def _stage_files(dataset: Dataset, episodes: Sequence[Path], stage: Stage) -> No
     new_paths, rows = _stage_frames(dataset, episodes, tasks, stage)
     check_orphans(dataset, stage.paths)
     _write(stage, STATISTICS, json_bytes(_statistics_of(dataset, new_paths)))
-    _write(stage, TASKS, _parquet_content(tasks_table(tasks)))
+    _write(stage, TASKS, parquet_content(tasks_table(tasks)))
     _write(stage, dataset.episodes_path(), _episodes_content(dataset, rows))
     counts = {
         "total_episodes": dataset.info["total_episodes"] + len(rows),
@@ -107,7 +111,11 @@ def _stage_frames(
     """Write the new data files and return them with the episodes' rows; new tasks are added."""
     rows: list[dict[str, Any]] = []
     start, first = dataset.info["total_frames"], read_episode(episodes[0])[0]
-    with _DataFiles(dataset, stage) as files:
+    with DataFiles(
+        dataset.info,
+        dataset.next_data_file,
+        lambda number: stage.add(dataset.data_path(number)),
+    ) as files:
         for index, path in enumerate(episodes, start=dataset.info["total_episodes"]):
             recording, task, table = read_episode(path)
             if recording[:2] != first[:2]:
@@ -120,50 +128,11 @@ def _stage_frames(
     return files.paths, rows
 
 
-class _DataFiles(ExitStack):
-    """Writer of new data files, one row group per episode; after a full one it starts another."""
-
-    def __init__(self, dataset: Dataset, stage: Stage) -> None:
-        super().__init__()
-        self.paths: list[Path] = []  # written so far
-        self._dataset, self._stage = dataset, stage
-        self._number = dataset.next_data_file
-        self._max_bytes = dataset.info["data_files_size_in_mb"] * 2**20
-        self._file: IO[bytes] | None = None
-
-    def add(self, table: pa.Table) -> FileNumber:
-        """Append an episode and return the number of the file that it is in."""
-        if self._file is not None and self._file.tell() + table.nbytes > self._max_bytes:
-            self.close()
-            self._file = None
-            self._number = self._number.next(self._dataset.info["chunks_size"])
-        if self._file is None:
-            path = self._stage.add(self._dataset.data_path(self._number))
-            self.paths.append(path)
-            self._file = self.enter_context(open_synced(path))
-            self._writer = self.enter_context(
-                pq.ParquetWriter(
-                    self._file, table.schema, compression="snappy", use_dictionary=False
-                )
-            )
-        self._writer.write_table(table)
-        return self._number
-
-
 def _with_index_columns(
     dataset: Dataset, table: pa.Table, start: int, episode: int, task: int
 ) -> pa.Table:
     """Return an episode's features and index columns, in the dataset's order."""
-    frames = np.arange(len(table), dtype=np.int64)
-    index_columns = {
-        "timestamp": (frames / dataset.info["fps"]).astype(np.float32),
-        "frame_index": frames,
-        "episode_index": np.full_like(frames, episode),
-        "index": start + frames,
-        "task_index": np.full_like(frames, task),
-    }
-    for name, column in index_columns.items():
-        table = table.append_column(name, to_arrow(column[:, None]))
+    table = with_index_columns(table, dataset.info["fps"], start, episode, task)
     return table.select([*dataset.dimensions])
 
 
@@ -171,38 +140,23 @@ def _episode_row(
     dataset: Dataset, table: pa.Table, task: str, data_file: FileNumber
 ) -> dict[str, Any]:
     """Return an episode's row in `meta/episodes`."""
-    start = table["index"][0].as_py()
-    row = {
-        "episode_index": table["episode_index"][0].as_py(),
-        "tasks": [task],
-        "length": len(table),
-        "dataset_from_index": start,
-        "dataset_to_index": start + len(table),
+    found = {
+        f"stats/{feature}/{name}": value
+        for feature, dimension in dataset.dimensions.items()
+        for name, value in statistics(to_numpy(table[feature], dimension)).items()
     }
-    for feature, dimension in dataset.dimensions.items():
-        found = statistics(to_numpy(table[feature], dimension))
-        row |= {f"stats/{feature}/{name}": value for name, value in found.items()}
-    for kind, file in (("data", data_file), ("meta/episodes", dataset.next_episodes_file)):
-        row |= {f"{kind}/{name}": number for name, number in file._asdict().items()}
-    return row
+    return episode_row(table, [task], found, data_file, dataset.next_episodes_file)
 
 
 def _episodes_content(dataset: Dataset, rows: Sequence[dict[str, Any]]) -> pa.Buffer:
     """Return the next file of episodes, in the columns of the older ones."""
     try:
-        return _parquet_content(episodes_table(rows, dataset.episodes_schema))
+        return parquet_content(episodes_table(rows, dataset.episodes_schema))
     except pa.ArrowException as error:
         raise DatasetError(
             f"expected columns in meta/episodes that new episodes fit into: {error}"
         ) from error
 
 
-def _parquet_content(table: pa.Table) -> pa.Buffer:
-    content = pa.BufferOutputStream()
-    pq.write_table(table, content, compression="snappy")
-    return content.getvalue()
-
-
 def _write(stage: Stage, path: str, content: bytes | pa.Buffer) -> None:
-    with open_synced(stage.add(path)) as file:
-        file.write(content)
+    write_synced(stage.add(path), content)

@@ -1,0 +1,86 @@
+"""What a copy takes from a dataset, and its description, before anything is written."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.copying import VIDEO_PATH, Plan
+from pacnet.datasets.format.features import (
+    Arrays,
+    Feature,
+    Recording,
+    is_text,
+)
+from pacnet.datasets.format.info import image_features, json_bytes, new_info
+from pacnet.datasets.format.kept_columns import Kept, kept_columns
+from pacnet.datasets.format.picture_statistics import picture_statistics
+from pacnet.datasets.format.source import Source, read_source
+from pacnet.datasets.format.source_videos import Cameras, find_videos
+
+_SIZES = ("chunks_size", "data_files_size_in_mb", "video_files_size_in_mb")
+_NOT_COPIED = ("total_chunks", "total_videos")  # of v2.0 and v2.1
+
+
+class Contents(NamedTuple):
+    """What a copy takes from a dataset."""
+
+    source: Source
+    kept: Kept
+    cameras: Cameras
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Feature or column -> why it is left out."""
+        return {**self.kept.left_out, **self.cameras.left_out}
+
+
+def find_contents(root: Path, selected: Sequence[int] | None, *, videos: bool) -> Contents:
+    """Find and check what a copy takes from a dataset; no feature is read.
+
+    Raises:
+        DatasetError: the dataset cannot be read.
+        ValueError: an unknown episode.
+    """
+    source = read_source(root, selected)
+    return Contents(source, kept_columns(source), find_videos(source) if videos else Cameras())
+
+
+def plan_copy(contents: Contents, added: Mapping[str, Feature], annotations: list[Arrays]) -> Plan:
+    """Return a copy of these contents with extra columns, everything about it checked."""
+    source = contents.source
+    tasks = [*dict.fromkeys(task for episode in source.episodes for task in episode.tasks)]
+    pictures = [
+        *image_features({"features": contents.kept.features}, "image"),
+        *contents.cameras.clips,
+    ]
+    info = _info(contents, added)
+    info |= {
+        "total_episodes": len(source.episodes),
+        "total_frames": sum(episode.length for episode in source.episodes),
+        "total_tasks": len(tasks),
+        "splits": {"train": f"0:{len(source.episodes)}"},
+    }
+    try:
+        json_bytes(info)
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(
+            f"{source.root}: expected what JSON in UTF-8 can hold in meta/info.json: {error}"
+        ) from None
+    found = picture_statistics(source, pictures)
+    return Plan(source, info, tasks, contents.kept, contents.cameras.clips, found, annotations)
+
+
+def _info(contents: Contents, added: Mapping[str, Feature]) -> dict[str, Any]:
+    """Return the copy's description, with entries that only the source has."""
+    old = contents.source.info
+    robot = old.get("robot_type")
+    recording = Recording(int(old["fps"]), dict(added), robot if is_text(robot) else None)
+    new = new_info(recording)
+    videos = {name: {"names": None} | old["features"][name] for name in contents.cameras.clips}
+    described = contents.kept.features | videos
+    features = {name: described[name] for name in old["features"] if name in described}
+    sizes = {name: old[name] for name in _SIZES if type(old.get(name)) is int and old[name] > 0}
+    more = {name: entry for name, entry in old.items() if name not in (*new, *_NOT_COPIED)}
+    video_path = VIDEO_PATH if contents.cameras.clips else None
+    return new | sizes | {"video_path": video_path, "features": features | new["features"]} | more

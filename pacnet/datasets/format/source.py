@@ -1,0 +1,213 @@
+"""Where the frames of a dataset to be copied are: files and rows of each episode, and its tasks.
+
+All layouts are alike here: the data files are those in `data/`, however they are named,
+and a column of each says which episode its rows belong to.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.data_files import (
+    EPISODE,
+    FRAME,
+    INDEX,
+    TASK,
+    data_paths,
+    read_data_file,
+)
+from pacnet.datasets.format.episode_list import ListedEpisode, listed_episodes
+from pacnet.datasets.format.features import is_text
+from pacnet.datasets.format.info import FORMAT_VERSION, read_info
+from pacnet.datasets.format.numbers import numbers_text
+from pacnet.datasets.format.parquet import open_parquet
+from pacnet.datasets.format.paths import path_of_source
+from pacnet.datasets.format.tables import read_tasks
+
+
+class Rows(NamedTuple):
+    """Rows of a data file, in the order of their frames."""
+
+    path: Path
+    rows: NDArray[np.int64]
+
+
+class SourceEpisode(NamedTuple):
+    """An episode of a dataset to be copied."""
+
+    number: int  # its index in the dataset
+    parts: tuple[Rows, ...]
+    tasks: tuple[str, ...]  # of each frame
+
+    @property
+    def length(self) -> int:
+        """Number of frames."""
+        return len(self.tasks)
+
+
+class Source(NamedTuple):
+    """A dataset to be copied: the episodes that are wanted, in the order of the copy."""
+
+    root: Path
+    info: dict[str, Any]
+    episodes: list[SourceEpisode]
+    is_whole: bool  # whether these are all episodes of the dataset
+
+    @property
+    def is_old(self) -> bool:
+        """Whether the format is v2.0 or v2.1."""
+        return self.info["codebase_version"] != FORMAT_VERSION
+
+    @property
+    def data_files(self) -> list[Path]:
+        """The data files that hold the episodes."""
+        return [*dict.fromkeys(part.path for one in self.episodes for part in one.parts)]
+
+
+class _Part(NamedTuple):
+    """The frames of an episode that are in one file."""
+
+    path: Path
+    rows: NDArray[np.int64]  # [T]
+    order: NDArray[np.int64]  # [T], what they are sorted by
+    tasks: NDArray[np.int64] | None  # [T]
+
+
+def read_source(root: Path, selected: Sequence[int] | None = None) -> Source:
+    """Find the frames of the selected episodes, or of all; no feature is read.
+
+    Files that cannot be read are passed over where episodes are selected.
+
+    Raises:
+        DatasetError: the dataset cannot be read, or an episode has a task without words.
+        ValueError: no episode is selected, one twice, or one that the dataset does not have.
+    """
+    info = read_info(root)
+    found: dict[int, list[_Part]] = {}
+    damaged: list[DatasetError] = []
+    for path in data_paths(root):
+        try:
+            _add_parts(path_of_source(root, path.relative_to(root).as_posix()), found)
+        except DatasetError as error:
+            if selected is None:
+                raise
+            damaged.append(error)
+    wanted = sorted(found) if selected is None else [*selected]
+    unknown = [index for index in wanted if index not in found]
+    if unknown and damaged:
+        raise damaged[0]
+    if unknown or not wanted or len({*wanted}) < len(wanted):
+        raise ValueError(
+            f"expected different episodes of {numbers_text(found)}, at least one, got {wanted}"
+        )
+    texts = _Tasks(root, info)
+    episodes = [_episode(index, found[index], texts) for index in wanted]
+    return Source(root, info, episodes, is_whole=len(wanted) == len(found) and not damaged)
+
+
+def _add_parts(path: Path, found: dict[int, list[_Part]]) -> None:
+    """Add the frames of one data file to those of their episodes."""
+    columns = read_data_file(path, [], {})
+    episodes = columns[EPISODE]
+    everything = np.arange(len(episodes))
+    order = columns.get(INDEX, columns.get(FRAME, everything))
+    for index in np.unique(episodes).tolist():
+        rows = np.flatnonzero(episodes == index)
+        rows = rows[np.argsort(order[rows], kind="stable")]
+        tasks = columns[TASK][rows] if TASK in columns else None
+        found.setdefault(index, []).append(_Part(path, rows, order[rows], tasks))
+
+
+class _Tasks:
+    """The tasks of a dataset in words: by their numbers, else by episode as these are listed."""
+
+    def __init__(self, root: Path, info: dict[str, Any]) -> None:
+        self.root, self._info = root, info
+        self._texts: dict[int, str] | None = None
+        self._listed: dict[int, ListedEpisode] | None = None
+
+    def of(self, index: int, numbers: NDArray[np.int64] | None, length: int) -> tuple[str, ...]:
+        """Return the task of each frame of an episode."""
+        if numbers is None:
+            if self._listed is None:
+                self._listed = listed_episodes(self.root, self._info)
+            listed = self._listed.get(index)
+            return (listed.task or "" if listed else "",) * length
+        if self._texts is None:
+            self._texts = read_tasks(self.root)
+        unknown = sorted({*numbers.tolist()} - {*self._texts})
+        if unknown:
+            raise DatasetError(
+                f"{self.root}: expected the tasks {unknown} in meta/, found {sorted(self._texts)}"
+            )
+        return tuple(self._texts[number] for number in numbers.tolist())
+
+
+def _episode(index: int, parts: list[_Part], texts: _Tasks) -> SourceEpisode:
+    """Return an episode with its files in the order of its frames."""
+    parts = sorted(parts, key=lambda part: part.order[0])
+    numbers = [part.tasks for part in parts if part.tasks is not None]
+    known = np.concatenate(numbers) if len(numbers) == len(parts) else None
+    tasks = texts.of(index, known, sum(len(part.rows) for part in parts))
+    blank = [task for task in dict.fromkeys(tasks) if not is_text(task) or not task.strip()]
+    if blank:
+        raise DatasetError(
+            f"expected a task in words, {texts.root} has {blank[0]!r} in episode {index}"
+        )
+    return SourceEpisode(index, tuple(Rows(part.path, part.rows) for part in parts), tasks)
+
+
+class FrameReader:
+    """Reads episodes; it remembers the row groups that it read last, where the next may begin."""
+
+    def __init__(self, columns: Sequence[str]) -> None:
+        """Name the columns to read."""
+        self._columns = [*columns]
+        self._path: Path | None = None
+        self._groups = range(0)
+        self._read = pa.table({})
+        self._first = 0  # row of the file at which these groups begin
+
+    def frames(self, episode: SourceEpisode) -> pa.Table:
+        """Return the columns of an episode, extension types as what they are stored as."""
+        return pa.concat_tables([self._rows(part) for part in episode.parts])
+
+    def _rows(self, part: Rows) -> pa.Table:
+        first, last = int(part.rows.min()), int(part.rows.max())
+        with open_parquet(part.path, self._columns) as file:
+            starts = _group_starts(file.metadata)
+            groups = range(
+                int(np.searchsorted(starts, first, "right")) - 1,
+                int(np.searchsorted(starts, last, "right")),
+            )
+            if (part.path, groups) != (self._path, self._groups):
+                self._read = pa.table({})  # before more memory is taken
+                self._read = _plain(file.read_row_groups([*groups], self._columns))
+                self._path, self._groups, self._first = part.path, groups, int(starts[groups[0]])
+        rows = part.rows - self._first
+        if len(rows) == last - first + 1 and (np.diff(rows) == 1).all():
+            return self._read.slice(first - self._first, len(rows))
+        return self._read.take(rows)
+
+
+def _group_starts(metadata: pq.FileMetaData) -> NDArray[np.int64]:
+    """Return the row at which each row group begins."""
+    counts = [metadata.row_group(index).num_rows for index in range(metadata.num_row_groups)]
+    return np.cumsum([0, *counts])[:-1]
+
+
+def _plain(table: pa.Table) -> pa.Table:
+    """Return a table without metadata of others, of Arrow's own types."""
+    columns = [
+        pa.chunked_array([chunk.storage for chunk in column.chunks], column.type.storage_type)
+        if isinstance(column.type, pa.BaseExtensionType)
+        else column
+        for column in table.columns
+    ]
+    return pa.table(columns, names=table.column_names)
