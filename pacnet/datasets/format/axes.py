@@ -12,7 +12,7 @@ from pacnet.datasets.format.parquet import is_list, to_arrow, to_arrow_lists, to
 
 
 def to_rows(column: pa.ChunkedArray, shape: Sequence[int]) -> NDArray[np.generic]:
-    """Return a column of numbers of this shape as `[N, D]`, D being the product of the shape.
+    """Return a column of numbers of this shape as `[N, ...]`.
 
     Raises:
         ValueError: it holds something else; the message only describes that.
@@ -25,7 +25,7 @@ def to_rows(column: pa.ChunkedArray, shape: Sequence[int]) -> NDArray[np.generic
         if not pc.call_function("all", [pc.call_function("equal", [lengths, size])]).as_py():
             raise ValueError(f"lists of other lengths than {size}")
         values = values.flatten()
-    return to_numpy(pa.chunked_array([values]), shape[-1]).reshape(n_rows, -1)
+    return to_numpy(pa.chunked_array([values]), shape[-1]).reshape(n_rows, *shape)
 
 
 def as_scalars(column: pa.ChunkedArray) -> pa.ChunkedArray:

@@ -1,6 +1,6 @@
-"""The rows about a copy's episodes in `meta/episodes`, with statistics of any number of axes."""
+"""The rows about a copy's episodes in `meta/episodes`, with their statistics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,28 +13,23 @@ from pacnet.datasets.format.picture_statistics import PictureStatistics
 from pacnet.datasets.format.source_videos import Clip
 from pacnet.datasets.format.statistics import NAMES, statistics
 
-Shapes = dict[str, tuple[int, ...]]
-"""Feature of numbers -> its shape."""
 
+def statistics_of(rows: NDArray[Any]) -> dict[str, Any]:
+    """Return each statistic of values `[N, ..., D]`, `[D]` each, over all axes but the last.
 
-def nested_statistics(rows: NDArray[Any], shape: Sequence[int]) -> dict[str, Any]:
-    """Return each statistic of values `[N, D]` in their shape; frames not finite do not count.
-
-    Where no frame is finite there are none.
+    That is what LeRobot computes, and aggregates these with. Frames that are not finite do not
+    count; where no frame is there are none.
     """
-    finite = rows[np.isfinite(rows).all(axis=1)] if rows.dtype.kind == "f" else rows
-    if not len(finite):
+    if rows.dtype.kind == "f":
+        rows = rows[np.isfinite(rows).reshape(len(rows), -1).all(axis=1)]
+    if not len(rows):
         return {}
-    found = statistics(finite)
-    return {
-        kind: values if kind == "count" else np.reshape(values, shape).tolist()
-        for kind, values in found.items()
-    }
+    return statistics(rows.reshape(-1, rows.shape[-1])) | {"count": [len(rows)]}
 
 
 def copied_episodes_table(
     rows: Sequence[Mapping[str, Any]],
-    shapes: Shapes,
+    numbers: Iterable[str],
     clips: Mapping[str, Sequence[Clip]],
     cameras: Sequence[str],
     pictures: PictureStatistics,
@@ -46,7 +41,7 @@ def copied_episodes_table(
 
     Args:
         rows: the episodes as `writing.episode_row` gives them.
-        shapes: the shape of each feature of numbers.
+        numbers: the features of numbers.
         clips: camera -> the clip of each episode.
         cameras: the features of images and videos.
         pictures: their statistics.
@@ -61,10 +56,8 @@ def copied_episodes_table(
             f"videos/{camera}/from_timestamp": _times([clip.start for clip in shown]),
             f"videos/{camera}/to_timestamp": _times([clip.stop for clip in shown]),
         }
-    for name, shape in shapes.items():
-        for kind in NAMES:
-            column = f"stats/{name}/{kind}"
-            columns[column] = _statistic(kind, [row.get(column) for row in rows], len(shape))
+    for column in [f"stats/{name}/{kind}" for name in numbers for kind in NAMES]:
+        columns[column] = _statistic(column, [row.get(column) for row in rows], 1)
     for name in cameras:
         for kind in NAMES:
             values = [found.get(name, {}).get(kind) for found in pictures.of_episodes]
@@ -72,8 +65,10 @@ def copied_episodes_table(
     return pa.table(columns)
 
 
-def _statistic(kind: str, values: Sequence[Any], axes: int) -> pa.Array:
-    return nested_column(values, 1, "int64") if kind == "count" else nested_column(values, axes)
+def _statistic(name: str, values: Sequence[Any], axes: int) -> pa.Array:
+    if name.endswith("count"):
+        return nested_column(values, 1, "int64")
+    return nested_column(values, axes)
 
 
 def _integers(values: Sequence[int]) -> pa.Array:

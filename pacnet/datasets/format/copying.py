@@ -18,7 +18,7 @@ from pacnet.core.durable import open_synced
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.appending import EPISODES_PATH, STATISTICS, FileNumber
 from pacnet.datasets.format.axes import as_scalars, to_rows
-from pacnet.datasets.format.copied_rows import Shapes, copied_episodes_table, nested_statistics
+from pacnet.datasets.format.copied_rows import copied_episodes_table, statistics_of
 from pacnet.datasets.format.features import INDEX_COLUMNS, Arrays
 from pacnet.datasets.format.info import INFO, image_features, json_bytes
 from pacnet.datasets.format.kept_columns import Kept
@@ -53,7 +53,7 @@ class Plan(NamedTuple):
     columns: list[Arrays]  # of each episode: extra column -> [T, K]
 
     @property
-    def shapes(self) -> Shapes:
+    def shapes(self) -> dict[str, tuple[int, ...]]:
         """Feature of numbers -> its shape, extra and index columns included."""
         extra = {name: (rows.shape[1],) for name, rows in self.columns[0].items()}
         return self.kept.shapes | extra | dict.fromkeys(INDEX_COLUMNS, (1,))
@@ -95,7 +95,7 @@ def _write_frames(
             found = {
                 f"stats/{name}/{kind}": values
                 for name, shape in plan.shapes.items()
-                for kind, values in nested_statistics(to_rows(table[name], shape), shape).items()
+                for kind, values in statistics_of(to_rows(table[name], shape)).items()
             }
             tasks = [*dict.fromkeys(episode.tasks)]
             rows.append(episode_row(table, tasks, found, files.add(table), _FIRST))
@@ -129,7 +129,7 @@ def _statistics(plan: Plan, paths: Sequence[Path]) -> dict[str, Any]:
         rows: NDArray[Any] = np.concatenate(
             [to_rows(read_table(path, [name])[name], shape) for path in paths]
         )
-        stats = nested_statistics(rows, shape)
+        stats = statistics_of(rows)
         if stats:
             found[name] = stats
     for name, stats in plan.pictures.of_all.items():
