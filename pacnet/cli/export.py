@@ -10,8 +10,9 @@ from pacnet.cli.printing import counted, print_pairs, progress_bar
 
 _DETAILS = """The copy is a LeRobot dataset with extra columns: behaviour (probability of each known
 one), progress, novelty (above 1 is novel), is_novel, winner (node of the map, -1 without a match),
-expected_next and expected_end (percepts). LeRobot's policies ignore them. Its format is v3.0,
-whatever that of the dataset is. Videos are hard-linked, or copied to another file system."""
+expected_next and expected_end (percepts). LeRobot's policies ignore them. The copy is of format
+v3.0, whatever that of the dataset is. Videos are the same files, hard-linked where the file system
+can. With a choice of episodes the copy has these alone, numbered from 0."""
 _EXAMPLE = "pacnet export imitator recordings/new --out recordings/new_annotated"
 
 
@@ -40,18 +41,15 @@ def run(arguments: argparse.Namespace) -> None:
     imitator = load_imitator(arguments.checkpoint)
     demonstrations = load_percepts(imitator, arguments)
     columns = column_names(imitator.network.behaviours, imitator.percept_names)
-    copied = {
-        "selected": [demonstration.episode for demonstration in demonstrations],
-        "videos": not arguments.no_videos,
-    }
-    check_annotatable(arguments.dataset, columns, **copied)
-    episodes = replay(imitator, demonstrations)
-    values = (column_values(episode.recognized.recognition) for episode in episodes)
-    total = sum(len(demonstration.state) for demonstration in demonstrations)
-    with progress_bar("copying", total) as progress:
+    source, episodes = arguments.dataset, [shown.episode for shown in demonstrations]
+    check_annotatable(source, columns, selected=episodes, videos=not arguments.no_videos)
+    replayed = replay(imitator, demonstrations)
+    values = [column_values(episode.recognized.recognition) for episode in replayed]
+    with progress_bar("copying", sum(len(shown.state) for shown in demonstrations)) as progress:
         write_annotated(
-            arguments.dataset, arguments.out, columns, values, progress=progress, **copied
-        )
+            source, arguments.out, columns, values,
+            selected=episodes, videos=not arguments.no_videos, progress=progress,
+        )  # fmt: skip
     print_pairs(
         [
             ("dataset", f"{arguments.out}, {counted(len(demonstrations), 'episode')}"),

@@ -18,6 +18,7 @@ from pacnet.core.durable import NEW, make_folder, sync_folder
 from pacnet.datasets.format import DatasetError, DatasetWarning
 from pacnet.datasets.format.features import Arrays, Feature, checked_episode, checked_features
 from pacnet.datasets.format.info import is_rate
+from pacnet.datasets.locate import find_dataset
 
 # What imports pyarrow, 0.2 s, is imported where it is used.
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def write_annotated(
     copy leaves nothing.
 
     Args:
-        source: the dataset's folder.
+        source: the dataset's folder, or `user/name` as `load_demonstrations` takes it.
         destination: the copy's folder, which must not exist yet.
         columns: name of each extra column -> names of its dimensions.
         episodes: for each episode of the copy: column -> its values `[T, K]`, one row per frame;
@@ -112,7 +113,7 @@ def check_annotatable(
     from pacnet.datasets.format.planning import find_contents
     from pacnet.datasets.journal.journal import check_folded
 
-    source = Path(source)
+    source = find_dataset(source)
     check_folded(source)
     contents = find_contents(source, selected, videos=videos)
     info = contents.source.info

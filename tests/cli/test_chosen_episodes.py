@@ -7,6 +7,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+import torch
 from command_line import (
     STATE,
     assert_equal,
@@ -125,6 +126,29 @@ def test_watch_leaves_out_what_is_not_finite(
     assert [row[0] for row in rows] == ["0", "2", "3"]
 
 
+def test_export_copies_the_episodes_asked_for(imitator: Path, damaged: Path, tmp_path: Path):
+    line = ("export", imitator, damaged, "--exclude", "1")
+    assert run(*line, "--out", tmp_path / "copy") == 0
+    copies = load_demonstrations(tmp_path / "copy")
+    originals = load_demonstrations(damaged, exclude=[1])
+    assert [copy.episode for copy in copies] == [0, 1, 2]
+    assert [copy.task for copy in copies] == ["drink", "drink", "wave"]
+    for copy, original in zip(copies, originals, strict=True):
+        assert torch.equal(copy.percepts, original.percepts)
+        assert torch.equal(copy.action, original.action)
+    assert run(*line, "--no-videos", "--out", tmp_path / "blind") == 0  # it has none
+
+
+def test_export_finds_a_dataset_by_its_name(
+    imitator: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    record(tmp_path / "cache" / "someone" / "drinking", ("drink", "wave"), 1000)
+    assert run("export", imitator, "someone/drinking", "--out", "copy") == 0
+    assert len(load_demonstrations("copy")) == 2
+
+
 def test_explain_reads_only_its_episode(
     imitator: Path, damaged: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -136,7 +160,7 @@ def test_explain_reads_only_its_episode(
     assert "expected --episode among --episodes, got 2" in message
 
 
-@pytest.mark.parametrize("command", ["fit", "watch", "explain"])
+@pytest.mark.parametrize("command", ["fit", "watch", "export", "explain"])
 def test_damaged_files_are_left_out_on_request(
     command: str, imitator: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -145,6 +169,7 @@ def test_damaged_files_are_left_out_on_request(
     line = {
         "fit": ["fit", root, "--out", tmp_path / "out"],
         "watch": ["watch", imitator, root],
+        "export": ["export", imitator, root, "--out", tmp_path / "out"],
         "explain": ["explain", imitator, root, "--episode", "0", "--frame", "0"],
     }[command]
     if command != "explain":  # which asks for an episode that is whole
