@@ -1,5 +1,6 @@
 """Commands take a dataset's features by name, and an imitator's from its checkpoint."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -122,9 +123,9 @@ def test_a_feature_that_was_learned_and_is_not_there(
         "explain": ["explain", imitator, apart, "--episode", 1, "--frame", 60],
     }[command]
     message = refusal(capsys, *line)
-    assert f"expected the features {STATE!r} and {SURROUNDINGS!r}" in message
+    assert re.search(f"expected the features? '{STATE}'", message)
     assert "'arm' [2], 'cup' [1], 'motors' [2]" in message
-    assert "the imitator has learned" in message
+    assert f"the imitator has learned {STATE!r} and {SURROUNDINGS!r}" in message
     assert "--state" not in message  # which would not help
 
 
