@@ -12,13 +12,13 @@ from pacnet.datasets.format.features import (
     Recording,
     is_text,
 )
-from pacnet.datasets.format.info import image_features, json_bytes, new_info
+from pacnet.datasets.format.info import image_features, is_rate, json_bytes, new_info
 from pacnet.datasets.format.kept_columns import Kept, kept_columns
 from pacnet.datasets.format.picture_statistics import picture_statistics
 from pacnet.datasets.format.source import Source, read_source
-from pacnet.datasets.format.source_videos import Cameras, find_videos
+from pacnet.datasets.format.source_videos import Cameras, chunks_size, find_videos
 
-_SIZES = ("chunks_size", "data_files_size_in_mb", "video_files_size_in_mb")
+_SIZES = ("data_files_size_in_mb", "video_files_size_in_mb")
 _NOT_COPIED = ("total_chunks", "total_videos")  # of v2.0 and v2.1
 
 
@@ -80,7 +80,8 @@ def _info(contents: Contents, added: Mapping[str, Feature]) -> dict[str, Any]:
     videos = {name: {"names": None} | old["features"][name] for name in contents.cameras.clips}
     described = contents.kept.features | videos
     features = {name: described[name] for name in old["features"] if name in described}
-    sizes = {name: old[name] for name in _SIZES if type(old.get(name)) is int and old[name] > 0}
+    sizes = {name: old[name] for name in _SIZES if is_rate(old.get(name))}
+    sizes["chunks_size"] = chunks_size(old)
     more = {name: entry for name, entry in old.items() if name not in (*new, *_NOT_COPIED)}
     video_path = VIDEO_PATH if contents.cameras.clips else None
     return new | sizes | {"video_path": video_path, "features": features | new["features"]} | more

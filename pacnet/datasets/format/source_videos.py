@@ -148,17 +148,21 @@ def _episode_rows(root: Path, cameras: Sequence[str]) -> dict[int, dict[str, Any
 
 def _clips_v2(source: Source, cameras: Sequence[str]) -> dict[str, list[Clip | None]]:
     """Return each camera's clips: one file an episode, wherever the chunks begin."""
-    size = source.info.get("chunks_size")
-    chunks_size = size if isinstance(size, int) and 0 < size < 2**31 else 1000
     found: dict[str, list[Clip | None]] = {}
     for camera in cameras:
         files = dict(_files_v2(source.root, camera))
         found[camera] = []
         for at, episode in enumerate(source.episodes):
             path, duration = files.get(episode.number), episode.length / source.info["fps"]
-            number = FileNumber(*divmod(at, chunks_size))
+            number = FileNumber(*divmod(at, chunks_size(source.info)))
             found[camera].append(None if path is None else Clip(path, number, 0.0, duration))
     return found
+
+
+def chunks_size(info: Mapping[str, Any]) -> int:
+    """Return the number of files in a chunk; LeRobot's own where it is not a sound one."""
+    size = info.get("chunks_size")
+    return size if type(size) is int and 0 < size < 2**31 else 1000
 
 
 def _files_v2(root: Path, camera: str) -> Iterator[tuple[int, Path]]:
