@@ -48,6 +48,17 @@ def test_export_adds_the_imitators_output_as_columns(
             np.testing.assert_allclose(column[name], values, rtol=1e-5, atol=1e-6)
 
 
+def test_export_leaves_videos_out_on_request(imitator: Path, other: Path, tmp_path: Path):
+    filmed = tmp_path / "filmed"
+    shutil.copytree(other, filmed)
+    camera = {"dtype": "video", "shape": [4, 4, 3], "names": None}
+    edit_info(filmed, lambda info: info["features"].update({"observation.images.top": camera}))
+    command = ("export", imitator, filmed, "--out", tmp_path / "copy", "--no-videos")
+    assert run(*command) == 0  # without a warning about the video that is not there
+    info = json.loads((tmp_path / "copy" / "meta" / "info.json").read_text())
+    assert "observation.images.top" not in info["features"]
+
+
 def test_export_refuses_before_it_runs(
     imitator: Path,
     other: Path,

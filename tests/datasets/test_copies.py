@@ -97,7 +97,7 @@ def check(copy: Path, order: Sequence[int]) -> None:
     assert found["index"] == [*range(3 * len(order))]
     assert found["episode_index"] == np.repeat(np.arange(len(order)), 3).tolist()
     assert found["frame_index"] == [0, 1, 2] * len(order)
-    np.testing.assert_array_equal(found["timestamp"], np.float32([0, 0.1, 0.2] * len(order)))
+    np.testing.assert_array_equal(found["timestamp"], np.array([0, 0.1, 0.2] * len(order), "f4"))
     texts = pq.read_table(copy / "meta/tasks.parquet").to_pydict()["task"]
     tasks = [task for index in order for task in EPISODES[index].tasks]
     assert [texts[number] for number in found["task_index"]] == tasks
@@ -301,6 +301,13 @@ def test_a_list_of_one_number_becomes_that_number(source: Path):
         table = pq.read_table(path)
         lists = pa.array([[value] for value in table["done"].to_pylist()])
         pq.write_table(table.set_column(table.column_names.index("done"), "done", lists), path)
+    check(annotate(source), [0, 1, 2])
+
+
+def test_frames_may_lie_anywhere_in_a_file(tmp_path: Path):
+    source = WRITERS["v3.0"](tmp_path / "source", EPISODES)
+    path = source / "data/chunk-000/file-000.parquet"
+    pq.write_table(pq.read_table(path).take([4, 0, 3, 2, 5, 1]), path, row_group_size=4)
     check(annotate(source), [0, 1, 2])
 
 
