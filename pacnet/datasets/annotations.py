@@ -22,8 +22,8 @@ from pacnet.datasets.locate import find_dataset
 
 # What imports pyarrow, 0.2 s, is imported where it is used.
 if TYPE_CHECKING:
-    from pacnet.datasets.format.planning import Contents
-    from pacnet.datasets.format.source import SourceEpisode
+    from pacnet.datasets.copying.planning import Contents
+    from pacnet.datasets.copying.source import SourceEpisode
 
 _DTYPES = {"b": "bool", "i": "int64", "u": "int64"}  # kind of values -> stored
 
@@ -68,8 +68,8 @@ def write_annotated(
             LeRobot; an unknown episode; not one entry for each episode; or values that are
             missing, unknown, of another shape, length or dtype, or not finite.
     """
-    from pacnet.datasets.format.copying import write_copy
-    from pacnet.datasets.format.planning import plan_copy
+    from pacnet.datasets.copying.planning import plan_copy
+    from pacnet.datasets.copying.write import write_copy
 
     destination = Path(destination)
     if os.path.lexists(destination):
@@ -110,7 +110,7 @@ def check_annotatable(
         DatasetError: as `write_annotated`.
         ValueError: as `write_annotated`, about the columns and the selected episodes.
     """
-    from pacnet.datasets.format.planning import find_contents
+    from pacnet.datasets.copying.planning import find_contents
     from pacnet.datasets.journal.journal import check_folded
 
     source = find_dataset(source)

@@ -200,7 +200,10 @@ def test_progress_bars_run_from_nothing_to_the_end(
             "watching": [0, 50, 80, 130, 160, 210, 240],
             "drawing": [0, 1, 2, 3],
         },
-        "export": {"watching": [0, 50, 80, 130, 160, 210, 240]},
+        "export": {
+            "watching": [0, 50, 80, 130, 160, 210, 240],
+            "copying": [0, 80, 160, 240],
+        },
     }
     assert stood == expected[command]
     assert [bar.total for bar in bars] == [bar.stood[-1] for bar in bars]

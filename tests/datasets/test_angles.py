@@ -44,7 +44,11 @@ def others(rng: np.random.Generator, period: float) -> dict[str, np.ndarray]:
     held = np.repeat(rng.uniform(-half, half, 100), rng.integers(3, 20))[:300]
     toggled = np.where(np.cumsum(rng.random(300) < 0.05) % 2, 0.95 * half, -0.95 * half)
     filtered = np.convolve(np.pad(toggled, 1, "edge"), [0.2, 0.6, 0.2], "valid")
+    burst = np.zeros(300)
+    burst[100:112] = rng.uniform(-half, half, 12)
+    burst[[120, 140]] = -half, half
     return {
+        "burst": burst,
         "toggled": toggled,
         "filtered": filtered,
         "ramped": np.convolve(np.pad(toggled, 1, "edge"), [0, 0.6, 0.4], "valid"),

@@ -14,8 +14,8 @@ from layouts import WRITERS, Shown
 from video_files import pictures, read_video
 
 from pacnet.datasets.annotations import check_annotatable, write_annotated
+from pacnet.datasets.copying.write import os as copying_os
 from pacnet.datasets.format import DatasetError, DatasetWarning
-from pacnet.datasets.format.copying import os as copying_os
 from pacnet.datasets.recorder import Feature, Recorder, recover
 
 TOP, WRIST = "observation.images.top", "observation.images.wrist"

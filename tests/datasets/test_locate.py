@@ -93,6 +93,7 @@ def test_a_folder_that_lerobot_downloaded_gives_way_to_its_newer_cache(cache):
         ("v2.1", "", OLD),
         ("main", "v4.0", OLD),
         ("main", "", OLD),
+        ("v4.0", "", NEW),  # of a format to come
         ("other", "", NEW),  # the newest
     ],
 )

@@ -164,3 +164,8 @@ def test_episodes_of_one_frame_of_none_and_without_columns_have_no_gaps():
 def test_the_step_between_two_episodes_is_no_gap():
     timing = look(10, [0, 1, 2], [even(3), even(3, start=50), even(3)], [None] * 3)
     assert timing == ([()] * 3, [])
+
+
+def test_two_frames_at_one_time_are_a_gap():
+    timing = look(10, [3, 5], [even(9), np.full(2, 2.0)], [None, None])
+    assert timing.gaps == [(), (1,)]

@@ -7,10 +7,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pacnet.datasets.format.axes import nested_column
+from pacnet.datasets.copying.axes import nested_column
+from pacnet.datasets.copying.picture_statistics import PictureStatistics
+from pacnet.datasets.copying.source_videos import Clip
 from pacnet.datasets.format.parquet import to_arrow, to_arrow_text
-from pacnet.datasets.format.picture_statistics import PictureStatistics
-from pacnet.datasets.format.source_videos import Clip
 from pacnet.datasets.format.statistics import NAMES, statistics
 
 

@@ -15,18 +15,18 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pacnet.core.durable import open_synced
+from pacnet.datasets.copying.axes import as_scalars, to_rows
+from pacnet.datasets.copying.copied_rows import copied_episodes_table, statistics_of
+from pacnet.datasets.copying.kept_columns import Kept
+from pacnet.datasets.copying.picture_statistics import PictureStatistics
+from pacnet.datasets.copying.source import FrameReader, Source, SourceEpisode
+from pacnet.datasets.copying.source_videos import Clip
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.appending import EPISODES_PATH, STATISTICS, FileNumber
-from pacnet.datasets.format.axes import as_scalars, to_rows
-from pacnet.datasets.format.copied_rows import copied_episodes_table, statistics_of
 from pacnet.datasets.format.features import INDEX_COLUMNS, Arrays
 from pacnet.datasets.format.info import INFO, image_features, json_bytes
-from pacnet.datasets.format.kept_columns import Kept
 from pacnet.datasets.format.parquet import is_list, read_table, to_arrow
 from pacnet.datasets.format.paths import DATA_PATH, path_of_source, real_path
-from pacnet.datasets.format.picture_statistics import PictureStatistics
-from pacnet.datasets.format.source import FrameReader, Source, SourceEpisode
-from pacnet.datasets.format.source_videos import Clip
 from pacnet.datasets.format.tables import TASKS, tasks_table
 from pacnet.datasets.format.writing import (
     DataFiles,

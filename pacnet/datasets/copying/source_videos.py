@@ -8,12 +8,12 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from pacnet.core.lfs import is_lfs_pointer
+from pacnet.datasets.copying.source import Source
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.appending import FileNumber
 from pacnet.datasets.format.info import image_features
 from pacnet.datasets.format.parquet import open_parquet, read_table
 from pacnet.datasets.format.paths import check_video_path, path_of_source
-from pacnet.datasets.format.source import Source
 
 _POINTERS = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
 _DEFAULT_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"

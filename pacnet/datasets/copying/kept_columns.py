@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import types
 
+from pacnet.datasets.copying.source import Source
 from pacnet.datasets.format.features import INDEX_COLUMNS, RESERVED
 from pacnet.datasets.format.parquet import is_list, open_parquet
-from pacnet.datasets.format.source import Source
 
 _NUMBERS = re.compile(r"float(16|32|64)|u?int(8|16|32|64)|bool")
 _MAX_AXES = 5  # of a matrix

@@ -4,8 +4,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pacnet.datasets.copying.kept_columns import Kept, kept_columns
+from pacnet.datasets.copying.picture_statistics import picture_statistics
+from pacnet.datasets.copying.source import Source, read_source
+from pacnet.datasets.copying.source_videos import Cameras, chunks_size, find_videos
+from pacnet.datasets.copying.write import VIDEO_PATH, Plan
 from pacnet.datasets.format import DatasetError
-from pacnet.datasets.format.copying import VIDEO_PATH, Plan
 from pacnet.datasets.format.features import (
     Arrays,
     Feature,
@@ -13,10 +17,6 @@ from pacnet.datasets.format.features import (
     is_text,
 )
 from pacnet.datasets.format.info import image_features, is_rate, json_bytes, new_info
-from pacnet.datasets.format.kept_columns import Kept, kept_columns
-from pacnet.datasets.format.picture_statistics import picture_statistics
-from pacnet.datasets.format.source import Source, read_source
-from pacnet.datasets.format.source_videos import Cameras, chunks_size, find_videos
 
 _SIZES = ("data_files_size_in_mb", "video_files_size_in_mb")
 _NOT_COPIED = ("total_chunks", "total_videos")  # of v2.0 and v2.1

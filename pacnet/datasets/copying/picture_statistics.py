@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.datasets.copying.source import Source
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.appending import STATISTICS
 from pacnet.datasets.format.parquet import open_parquet, read_table
-from pacnet.datasets.format.source import Source
 from pacnet.datasets.format.statistics import NAMES, QUANTILES
 from pacnet.datasets.format.tables import read_json_lines
 
