@@ -127,7 +127,9 @@ def check_annotatable(
         raise ValueError(f"expected columns that the dataset does not have, got {', '.join(taken)}")
     fps = info.get("fps")
     if not is_rate(fps) or fps != int(fps):
-        raise DatasetError(f"expected a whole number of frames per second, found {fps}")
+        raise DatasetError(
+            f"{source}: expected a whole number as fps in meta/info.json, found {fps}"
+        )
     return contents
 
 

@@ -227,16 +227,30 @@ def test_a_source_that_is_no_dataset_is_refused(tmp_path: Path):
     refused(tmp_path / "nowhere", "found no folder", error=DatasetError)
 
 
-def test_a_source_with_an_empty_task_is_refused(tmp_path: Path):
+def test_episodes_without_a_task_in_words_are_untitled(tmp_path: Path):
+    """LeRobot takes no empty task."""
     source = write_source(tmp_path / "source", frames(), tasks=["drink", " "])
+    with pytest.warns(DatasetWarning, match="no task in words in episode 2: 'untitled' in the"):
+        write_annotated(source, tmp_path / "copy", COLUMNS, added())
+    tasks = [shown.task for shown in load_demonstrations(tmp_path / "copy")]
+    assert tasks == ["drink", "untitled", "drink"]
 
-    refused(source, "a task in words, .* has ' ' in episode 2", error=DatasetError)
+
+def test_without_the_tables_of_tasks_the_list_of_episodes_has_them(tmp_path: Path):
+    source = write_source(tmp_path / "source", frames())
+    (source / "meta/tasks.parquet").unlink()
+    numbers = zip((0, 2, 5), "abc", strict=True)
+    lines = [{"episode_index": index, "tasks": [task]} for index, task in numbers]
+    (source / "meta/episodes.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    with pytest.warns(DatasetWarning, match="tasks are taken from the list of episodes"):
+        write_annotated(source, tmp_path / "copy", COLUMNS, added())
+    assert [shown.task for shown in load_demonstrations(tmp_path / "copy")] == ["a", "b", "c"]
 
 
 def test_frames_per_second_that_are_not_whole_are_refused(tmp_path: Path):
     source = write_source(tmp_path / "source", frames(), fps=29.97)
 
-    refused(source, "whole number of frames per second, found 29.97", error=DatasetError)
+    refused(source, "a whole number as fps in meta.info.json, found 29.97", error=DatasetError)
 
 
 def test_a_folder_that_exists_is_left_alone(source: Path, tmp_path: Path):

@@ -4,16 +4,17 @@ All layouts are alike here: the data files are those in `data/`, however they ar
 and a column of each says which episode its rows belong to.
 """
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format import DatasetError, DatasetWarning
 from pacnet.datasets.format.data_files import (
     EPISODE,
     FRAME,
@@ -25,10 +26,12 @@ from pacnet.datasets.format.data_files import (
 from pacnet.datasets.format.episode_list import ListedEpisode, listed_episodes
 from pacnet.datasets.format.features import is_text
 from pacnet.datasets.format.info import FORMAT_VERSION, read_info
-from pacnet.datasets.format.numbers import numbers_text
+from pacnet.datasets.format.numbers import episodes_text, numbers_text
 from pacnet.datasets.format.parquet import open_parquet
 from pacnet.datasets.format.paths import path_of_source
 from pacnet.datasets.format.tables import read_tasks
+
+_UNTITLED = "untitled"  # LeRobot needs a task in words
 
 
 class Rows(NamedTuple):
@@ -85,7 +88,7 @@ def read_source(root: Path, selected: Sequence[int] | None = None) -> Source:
     Files that cannot be read are passed over where episodes are selected.
 
     Raises:
-        DatasetError: the dataset cannot be read, or an episode has a task without words.
+        DatasetError: the dataset cannot be read.
         ValueError: no episode is selected, one twice, or one that the dataset does not have.
     """
     info = read_info(root)
@@ -108,6 +111,9 @@ def read_source(root: Path, selected: Sequence[int] | None = None) -> Source:
         )
     texts = _Tasks(root, info)
     episodes = [_episode(index, found[index], texts) for index in wanted]
+    if texts.untitled:
+        about = episodes_text(texts.untitled)
+        _warn(f"{root.name} has no task in words in {about}: {_UNTITLED!r} in the copy")
     return Source(root, info, episodes, is_whole=len(wanted) == len(found) and not damaged)
 
 
@@ -128,25 +134,38 @@ class _Tasks:
     """The tasks of a dataset in words: by their numbers, else by episode as these are listed."""
 
     def __init__(self, root: Path, info: dict[str, Any]) -> None:
-        self.root, self._info = root, info
-        self._texts: dict[int, str] | None = None
+        self.untitled: list[int] = []  # episodes that no task in words was found for
         self._listed: dict[int, ListedEpisode] | None = None
+        self._root, self._info = root, info
+        try:
+            self._texts = read_tasks(root)
+        except DatasetError as error:
+            self._texts = {}
+            _warn(f"{error}: tasks are taken from the list of episodes")
 
     def of(self, index: int, numbers: NDArray[np.int64] | None, length: int) -> tuple[str, ...]:
-        """Return the task of each frame of an episode."""
+        """Return the task of each frame of an episode; `_UNTITLED` where there is none in words."""
         if numbers is None:
-            if self._listed is None:
-                self._listed = listed_episodes(self.root, self._info)
-            listed = self._listed.get(index)
-            return (listed.task or "" if listed else "",) * length
-        if self._texts is None:
-            self._texts = read_tasks(self.root)
-        unknown = sorted({*numbers.tolist()} - {*self._texts})
-        if unknown:
-            raise DatasetError(
-                f"{self.root}: expected the tasks {unknown} in meta/, found {sorted(self._texts)}"
-            )
-        return tuple(self._texts[number] for number in numbers.tolist())
+            texts = [""] * length
+        else:
+            texts = [self._texts.get(number, "") for number in numbers.tolist()]
+        if all(map(_is_task, texts)):
+            return tuple(texts)
+        if self._listed is None:
+            self._listed = listed_episodes(self._root, self._info)
+        task = self._listed[index].task if index in self._listed else None
+        if not _is_task(task):
+            task = _UNTITLED
+            self.untitled.append(index)
+        return tuple(text if _is_task(text) else task for text in texts)
+
+
+def _is_task(text: object) -> TypeGuard[str]:
+    return is_text(text) and bool(text.strip())
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, DatasetWarning, stacklevel=4)
 
 
 def _episode(index: int, parts: list[_Part], texts: _Tasks) -> SourceEpisode:
@@ -155,11 +174,6 @@ def _episode(index: int, parts: list[_Part], texts: _Tasks) -> SourceEpisode:
     numbers = [part.tasks for part in parts if part.tasks is not None]
     known = np.concatenate(numbers) if len(numbers) == len(parts) else None
     tasks = texts.of(index, known, sum(len(part.rows) for part in parts))
-    blank = [task for task in dict.fromkeys(tasks) if not is_text(task) or not task.strip()]
-    if blank:
-        raise DatasetError(
-            f"expected a task in words, {texts.root} has {blank[0]!r} in episode {index}"
-        )
     return SourceEpisode(index, tuple(Rows(part.path, part.rows) for part in parts), tasks)
 
 
