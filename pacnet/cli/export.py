@@ -42,13 +42,14 @@ def run(arguments: argparse.Namespace) -> None:
     demonstrations = load_percepts(imitator, arguments)
     columns = column_names(imitator.network.behaviours, imitator.percept_names)
     source, episodes = arguments.dataset, [shown.episode for shown in demonstrations]
-    check_annotatable(source, columns, selected=episodes, videos=not arguments.no_videos)
+    options = {"videos": not arguments.no_videos, "skip_damaged": arguments.skip_damaged}
+    check_annotatable(source, columns, selected=episodes, **options)
     replayed = replay(imitator, demonstrations)
     values = [column_values(episode.recognized.recognition) for episode in replayed]
     with progress_bar("copying", sum(len(shown.state) for shown in demonstrations)) as progress:
         write_annotated(
             source, arguments.out, columns, values,
-            selected=episodes, videos=not arguments.no_videos, progress=progress,
+            selected=episodes, progress=progress, **options,
         )  # fmt: skip
     print_pairs(
         [

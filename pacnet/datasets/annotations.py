@@ -36,6 +36,7 @@ def write_annotated(
     *,
     selected: Sequence[int] | None = None,
     videos: bool = True,
+    skip_damaged: bool = False,
     progress: Callable[[int], object] = lambda _: None,
 ) -> None:
     """Copy a dataset of format v3.0, v2.1 or v2.0 to v3.0, with extra columns.
@@ -58,6 +59,8 @@ def write_annotated(
         selected: indices of the source's episodes to copy, in the order of `episodes`; None for
             all, in the order of their indices.
         videos: whether to copy videos.
+        skip_damaged: whether a table of tasks that cannot be read is done without, as with
+            `load_demonstrations`; damaged files of frames matter only if their episodes are copied.
         progress: called with the number of frames after each episode is written.
 
     Raises:
@@ -74,7 +77,9 @@ def write_annotated(
     destination = Path(destination)
     if os.path.lexists(destination):
         raise FileExistsError(f"expected a folder to be made for the copy, {destination} exists")
-    contents = check_annotatable(source, columns, selected=selected, videos=videos)
+    contents = check_annotatable(
+        source, columns, selected=selected, videos=videos, skip_damaged=skip_damaged
+    )
     episodes = list(episodes)
     added = _column_features(columns, episodes)
     annotations = _checked_annotations(added, episodes, contents.source.episodes)
@@ -100,6 +105,7 @@ def check_annotatable(
     *,
     selected: Sequence[int] | None = None,
     videos: bool = True,
+    skip_damaged: bool = False,
 ) -> "Contents":
     """Check that a dataset can be copied with these extra columns; no feature is read.
 
@@ -115,7 +121,7 @@ def check_annotatable(
 
     source = find_dataset(source)
     check_folded(source)
-    contents = find_contents(source, selected, videos=videos)
+    contents = find_contents(source, selected, videos=videos, skip_damaged=skip_damaged)
     info = contents.source.info
     if not contents.kept.features:
         raise DatasetError(f"expected features to copy in {source}, found none")

@@ -131,7 +131,7 @@ def load_demonstrations(
         for part in _runs(whole, taken[number])
     )
     if not shown:
-        raise DatasetError(f"expected frames where {only_where!r} is true, {root.name} has none")
+        raise DatasetError(f"expected frames where {only_where!r} is true, the dataset has none")
     chosen = features.action[0] if len(features.action) == 1 else features.action
     return Demonstrations(fps, names, shown, source_name(name, root), chosen, features.state)
 

@@ -112,7 +112,7 @@ def test_episodes_that_are_not_there_are_one_line(
         "watch": ["watch", imitator, other, "--episodes", "1,7"],
         "explain": ["explain", imitator, other, "--episode", "7", "--frame", "0"],
     }[command]
-    assert "expected episodes of others, which has 0-2, got 7" in refusal(capsys, *line)
+    assert "expected episodes of the dataset, which has 0-2, got 7" in refusal(capsys, *line)
 
 
 def test_watch_leaves_out_what_is_not_finite(

@@ -182,6 +182,6 @@ def test_explain_names_the_valid_episodes_and_frames(
     imitator: Path, other: Path, capsys: pytest.CaptureFixture[str]
 ):
     message = refusal(capsys, "explain", imitator, other, "--episode", 3, "--frame", 0)
-    assert "expected episodes of others, which has 0-2, got 3" in message
+    assert "expected episodes of the dataset, which has 0-2, got 3" in message
     message = refusal(capsys, "explain", imitator, other, "--episode", 1, "--frame", 80)
     assert "expected a frame of episode 1, 0 to 79, got 80" in message

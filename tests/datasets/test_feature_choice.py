@@ -34,7 +34,7 @@ def test_all_that_is_missing_is_said_at_once_with_what_is_there_and_how_to_choos
     rename(root, {STATE: "state", "action": "actions", SURROUNDINGS: "observation.ee_pose"})
 
     message = (
-        r"the features 'observation.state' and 'action', shown has the vectors "
+        r"the features 'observation.state' and 'action', the dataset has the vectors "
         r"'state' \[3\], 'actions' \[1\], 'observation.ee_pose' \[2\]: "
         r"choose with --state NAME and --action NAME \(state=NAME, action=NAME in Python\)"
     )
@@ -174,7 +174,7 @@ def test_a_column_that_is_never_true(root: Path):
 
 
 def test_a_column_that_is_not_there(root: Path):
-    with pytest.raises(MissingFeature, match="the feature 'success', shown has the vectors"):
+    with pytest.raises(MissingFeature, match="the feature 'success', the dataset has the vectors"):
         load_demonstrations(root, only_where="success")
 
 

@@ -102,7 +102,9 @@ def test_a_declared_feature_without_a_column_is_named_with_those_there(root: Pat
     del frames["action"]
     write_old(root, "v2.1", frames)
 
-    with pytest.raises(DatasetError, match=r"'action', old has the vectors 'observation.state'"):
+    with pytest.raises(
+        DatasetError, match=r"'action', the dataset has the vectors 'observation.state'"
+    ):
         load_demonstrations(root)
     assert len(load_demonstrations(root, action=None)) == 3
 

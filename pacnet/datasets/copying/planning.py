@@ -35,14 +35,16 @@ class Contents(NamedTuple):
         return {**self.kept.left_out, **self.cameras.left_out}
 
 
-def find_contents(root: Path, selected: Sequence[int] | None, *, videos: bool) -> Contents:
+def find_contents(
+    root: Path, selected: Sequence[int] | None, *, videos: bool, skip_damaged: bool
+) -> Contents:
     """Find and check what a copy takes from a dataset; no feature is read.
 
     Raises:
         DatasetError: the dataset cannot be read.
         ValueError: an unknown episode.
     """
-    source = read_source(root, selected)
+    source = read_source(root, selected, skip_damaged=skip_damaged)
     return Contents(source, kept_columns(source), find_videos(source) if videos else Cameras())
 
 

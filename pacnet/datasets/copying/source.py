@@ -82,10 +82,17 @@ class _Part(NamedTuple):
     tasks: NDArray[np.int64] | None  # [T]
 
 
-def read_source(root: Path, selected: Sequence[int] | None = None) -> Source:
+def read_source(
+    root: Path, selected: Sequence[int] | None = None, *, skip_damaged: bool = False
+) -> Source:
     """Find the frames of the selected episodes, or of all; no feature is read.
 
     Files that cannot be read are passed over where episodes are selected.
+
+    Args:
+        root: the dataset's folder.
+        selected: the episodes' indices, in the order of the copy; None for all.
+        skip_damaged: whether a table of tasks that cannot be read is done without.
 
     Raises:
         DatasetError: the dataset cannot be read.
@@ -109,11 +116,11 @@ def read_source(root: Path, selected: Sequence[int] | None = None) -> Source:
         raise ValueError(
             f"expected different episodes of {numbers_text(found)}, at least one, got {wanted}"
         )
-    texts = _Tasks(root, info)
+    texts = _Tasks(root, info, skip_damaged)
     episodes = [_episode(index, found[index], texts) for index in wanted]
     if texts.untitled:
         about = episodes_text(texts.untitled)
-        _warn(f"{root.name} has no task in words in {about}: {_UNTITLED!r} in the copy")
+        _warn(f"The dataset has no task in words in {about}: {_UNTITLED!r} in the copy")
     return Source(root, info, episodes, is_whole=len(wanted) == len(found) and not damaged)
 
 
@@ -133,13 +140,15 @@ def _add_parts(path: Path, found: dict[int, list[_Part]]) -> None:
 class _Tasks:
     """The tasks of a dataset in words: by their numbers, else by episode as these are listed."""
 
-    def __init__(self, root: Path, info: dict[str, Any]) -> None:
+    def __init__(self, root: Path, info: dict[str, Any], skip_damaged: bool) -> None:
         self.untitled: list[int] = []  # episodes that no task in words was found for
         self._listed: dict[int, ListedEpisode] | None = None
-        self._root, self._info = root, info
+        self._root, self._info, self._skip_damaged = root, info, skip_damaged
         try:
             self._texts = read_tasks(root)
         except DatasetError as error:
+            if not skip_damaged:
+                raise
             self._texts = {}
             _warn(f"{error}: tasks are taken from the list of episodes")
 
@@ -148,6 +157,9 @@ class _Tasks:
         if numbers is None:
             texts = [""] * length
         else:
+            unknown = sorted({*numbers.tolist()} - {*self._texts})
+            if unknown and not self._skip_damaged:
+                raise DatasetError(f"expected the tasks {unknown}, found {sorted(self._texts)}")
             texts = [self._texts.get(number, "") for number in numbers.tolist()]
         if all(map(_is_task, texts)):
             return tuple(texts)

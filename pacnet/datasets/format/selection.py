@@ -93,10 +93,10 @@ def selected_episodes(
             _report(loss, selection.skip_damaged)
     lost = {episode for loss in losses for episode in loss.episodes}
     there = [episode for episode in lengths if episode not in lost]
-    _check_known(root, there, lost, selection)
+    _check_known(there, lost, selection)
     chosen = [episode for episode in there if selection.takes(episode)]
     if not chosen:
-        raise DatasetError(f"expected at least one episode of {root.name}, all are left out")
+        raise DatasetError("expected at least one episode of the dataset, all are left out")
     return chosen
 
 
@@ -140,11 +140,11 @@ def _report(loss: _Loss, skip: bool) -> None:
     raise DatasetError(f"{loss.reason}{about}: {hint}")
 
 
-def _check_known(root: Path, there: Sequence[int], lost: set[int], selection: Selection) -> None:
+def _check_known(there: Sequence[int], lost: set[int], selection: Selection) -> None:
     """Refuse numbers of episodes that the dataset does not have."""
     unknown = ((selection.episodes or frozenset()) | selection.exclude) - lost - {*there}
     if unknown:
         raise DatasetError(
-            f"expected episodes of {root.name}, which has {numbers_text(there)}, "
+            f"expected episodes of the dataset, which has {numbers_text(there)}, "
             f"got {numbers_text(unknown)}"
         )

@@ -41,9 +41,8 @@ def missing_features(root: Path, info: dict[str, Any], missing: tuple[str, ...])
     vectors = ", ".join(f"{name!r}{_size(info, name)}" for name in found if name not in images)
     wanted = " and ".join(map(repr, missing))
     noun = "feature" if len(missing) == 1 else "features"
-    return MissingFeature(
-        f"expected the {noun} {wanted}, {root.name} has the vectors {vectors or 'of none'}", missing
-    )
+    there = f"the vectors {vectors}" if vectors else "no vectors of numbers"
+    return MissingFeature(f"expected the {noun} {wanted}, the dataset has {there}", missing)
 
 
 def _check_declared(info: dict[str, Any], name: str) -> None:
