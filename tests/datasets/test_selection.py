@@ -186,3 +186,29 @@ def test_an_episode_with_a_gap_is_whole_and_is_cut_there_for_learning(root: Path
     parts = demonstrations.continuous().episodes
     assert [(part.episode, part.first_frame) for part in parts] == [(0, 0), (0, 2), (1, 0), (2, 0)]
     assert torch.equal(parts[1].state, demonstrations.episodes[0].state[2:])
+
+
+def test_gaps_within_a_run_of_chosen_frames_count_from_the_episode(root: Path):
+    """Frames 1 to 3 of episode 0 are chosen; a second is missing before frame 3."""
+    frames = columns() | {"intervention": np.arange(8) % 4 > 0}
+    frames["timestamp"][3] += 1
+    write_rows(root, frames, [0, 1, 2, 3, 4], "chunk-000/file-000.parquet")
+    write_rows(root, frames, [5, 6, 7], "chunk-000/file-001.parquet")
+
+    with pytest.warns(DatasetWarning, match="episode 0, frame 3"):
+        shown = load_demonstrations(root, only_where="intervention").episodes[0]
+
+    assert (shown.first_frame, shown.gaps) == (1, (2,))
+    assert [part.first_frame for part in shown.continuous()] == [1, 3]
+
+
+def test_a_file_with_vectors_of_another_length_than_the_first_is_damaged(root: Path):
+    frames = columns()
+    frames["observation.state"] = np.zeros((8, 4), "f4")
+    write_rows(root, frames, [5, 6, 7], "chunk-000/file-001.parquet")
+
+    message = r"file-001.parquet: expected numbers in 'observation.state', found 4 in a frame in"
+    with pytest.raises(DatasetError, match=rf"{message} place of 3 \(episode 2\)"):
+        load_demonstrations(root)
+    with pytest.warns(DatasetWarning, match=message):
+        assert numbers(root, skip_damaged=True) == [0, 1]
