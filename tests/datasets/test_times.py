@@ -7,7 +7,7 @@ import pytest
 
 from pacnet.datasets.format.times import Timing, find_gaps
 
-UNEVEN = "Nothing is learned across"
+UNEVEN = "in time, which learning does not cross"
 
 
 def seconds(*times: float) -> np.ndarray:
@@ -49,7 +49,7 @@ def test_a_step_that_is_too_long_or_does_not_rise_is_a_gap(times, gaps, event):
     assert timing.gaps == [gaps]
     assert len(timing.notes) == (event is not None)
     for note in timing.notes:
-        assert note.startswith(f"{UNEVEN} 1 gap in time: episode 4, frame {gaps[0]}, ")
+        assert note.startswith(f"1 gap {UNEVEN}: episode 4, frame {gaps[0]}, ")
         assert event in note
 
 
@@ -58,7 +58,7 @@ def test_a_lost_frame_is_told_once_by_time_and_number():
     timing = look(10, [0], [numbers / 10], [numbers])
     assert timing.gaps == [(2,)]
     assert timing.notes == [
-        f"{UNEVEN} 1 gap in time: episode 0, frame 2, after 0.100 s (0.3 s in place of 0.1 s)."
+        f"1 gap {UNEVEN}: episode 0, frame 2, after 0.100 s (0.3 s in place of 0.1 s)."
     ]
 
 
@@ -147,7 +147,7 @@ def test_single_timestamps_that_are_not_finite_are_told_and_make_no_gaps():
 def test_three_events_are_spelled_out():
     times = np.cumsum([0, 0.1, 0.1, 0.1, 0.9, 0.1, 0.1, 0.8, 0.1, 0.7, 0.1, 0.6, 0.1, 0.5, 0.1])
     (note,) = look(10, [0], [times], [None]).notes
-    assert note.startswith(f"{UNEVEN} 5 gaps in time")
+    assert note.startswith(f"5 gaps {UNEVEN}")
     assert [f"{step} s in place" in note for step in (0.9, 0.8, 0.7, 0.6)] == [True] * 3 + [False]
     assert note.endswith("; and 2 more.")
 

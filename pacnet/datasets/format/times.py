@@ -168,7 +168,7 @@ def _describe_gaps(
     events = [_describe(frames, int(row), bool(breaks[row - 1]), typical) for row in rows[:_SHOWN]]
     more = f"; and {rows.size - _SHOWN} more" if rows.size > _SHOWN else ""
     count = "1 gap" if rows.size == 1 else f"{rows.size} gaps"
-    return f"Nothing is learned across {count} in time: {'; '.join(events)}{more}."
+    return f"{count} in time, which learning does not cross: {'; '.join(events)}{more}."
 
 
 def _describe(frames: _Frames, row: int, is_break: bool, typical: float) -> str:
