@@ -39,7 +39,7 @@ class Episodes(NamedTuple):
     values: dict[str, NDArray[np.float32]]  # feature -> [N, D]
     timestamps: NDArray[np.float64] | None  # [N] in s; None where there are none
     frame_indices: NDArray[np.int64] | None  # [N]; None where there are none
-    rows: NDArray[np.int64]  # [N], which frames of the whole dataset they are
+    rows: NDArray[np.int64]  # [N], which rows of all data files they are, one after the other
 
     def split(self, rows: NDArray[Any]) -> list[NDArray[Any]]:
         """Return the rows `[N, ...]` of each episode."""
@@ -97,7 +97,7 @@ def read_episodes(
 def _in_order(columns: Columns) -> Columns:
     """Return the frames in the order of episodes and time, each of them once; and `ROW`."""
     episodes = columns[EPISODE]
-    rows = columns.get(INDEX, np.arange(len(episodes)))
+    rows = np.arange(len(episodes))
     name = next((name for name in (INDEX, FRAME) if name in columns), None)
     place = columns[name] if name else rows
     columns = columns | {ROW: rows}

@@ -28,7 +28,7 @@ def encode_images(
         root: the dataset's folder.
         info: its description.
         encoders: image or video feature -> its encoder.
-        frames: N frames of the whole dataset.
+        frames: N rows of all data files, one after the other, as LeRobot counts them.
 
     Returns:
         Feature -> vectors of these frames, float32 `[N, F]`.
