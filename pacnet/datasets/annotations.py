@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from pacnet.core.durable import NEW, make_folder, sync_folder
 from pacnet.datasets.format import DatasetError, DatasetWarning
 from pacnet.datasets.format.features import Arrays, Feature, checked_episode, checked_features
-from pacnet.datasets.format.info import is_rate
 from pacnet.datasets.locate import find_dataset
 
 # What imports pyarrow, 0.2 s, is imported where it is used.
@@ -131,11 +130,6 @@ def check_annotatable(
     taken = sorted({*columns} & {*info["features"], *contents.kept.features})
     if taken:
         raise ValueError(f"expected columns that the dataset does not have, got {', '.join(taken)}")
-    fps = info.get("fps")
-    if not is_rate(fps) or fps != int(fps):
-        raise DatasetError(
-            f"{source}: expected a whole number as fps in meta/info.json, found {fps}"
-        )
     return contents
 
 

@@ -243,15 +243,22 @@ def test_without_the_tables_of_tasks_the_list_of_episodes_has_them(tmp_path: Pat
     lines = [{"episode_index": index, "tasks": [task]} for index, task in numbers]
     (source / "meta/episodes.jsonl").write_text("\n".join(map(json.dumps, lines)))
     refused(source, "tasks.jsonl cannot be read|tasks.parquet cannot be read", error=DatasetError)
-    with pytest.warns(DatasetWarning, match="tasks are taken from the list of episodes"):
+    with pytest.warns(DatasetWarning, match="tasks are taken from the episodes' list"):
         write_annotated(source, tmp_path / "copy", COLUMNS, added(), skip_damaged=True)
     assert [shown.task for shown in load_demonstrations(tmp_path / "copy")] == ["a", "b", "c"]
 
 
-def test_frames_per_second_that_are_not_whole_are_refused(tmp_path: Path):
-    source = write_source(tmp_path / "source", frames(), fps=29.97)
+@pytest.mark.parametrize("fps", [29.97, None, "10"])
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+def test_frames_per_second_that_are_not_whole_are_refused(
+    tmp_path: Path, fps: object, version: str
+):
+    camera = {"observation.eye": {"dtype": "video", "shape": [4, 4, 3], "names": None}}
+    values = {"fps": fps, "codebase_version": version, "features": camera}
+    source = write_source(tmp_path / "source", frames(), **values)
 
-    refused(source, "a whole number as fps in meta.info.json, found 29.97", error=DatasetError)
+    message = f"a whole number as fps in meta.info.json, found {fps}"
+    refused(source, message, error=DatasetError)
 
 
 def test_a_folder_that_exists_is_left_alone(source: Path, tmp_path: Path):

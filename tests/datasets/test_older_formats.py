@@ -83,6 +83,12 @@ def test_damaged_tasks_are_named_and_can_be_done_without(root: Path, line: str, 
     assert [shown.task for shown in demonstrations] == list(TASKS)
 
 
+def test_missing_tasks_are_named(root: Path):
+    (root / "meta/tasks.jsonl").unlink()
+    with pytest.raises(DatasetError, match=r"tasks\.jsonl cannot be read.*--skip-damaged"):
+        load_demonstrations(root)
+
+
 def test_an_unknown_task_is_named(root: Path):
     write_lines(root / "meta/tasks.jsonl", [{"task_index": 0, "task": "drink"}])
 

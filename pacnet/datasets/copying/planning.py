@@ -45,6 +45,9 @@ def find_contents(
         ValueError: an unknown episode.
     """
     source = read_source(root, selected, skip_damaged=skip_damaged)
+    fps = source.info.get("fps")
+    if not is_rate(fps) or fps != int(fps):
+        raise DatasetError(f"{root}: expected a whole number as fps in meta/info.json, found {fps}")
     return Contents(source, kept_columns(source), find_videos(source) if videos else Cameras())
 
 

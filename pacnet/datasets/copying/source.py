@@ -150,7 +150,7 @@ class _Tasks:
             if not skip_damaged:
                 raise
             self._texts = {}
-            _warn(f"{error}: tasks are taken from the list of episodes")
+            _warn(f"{error}: tasks are taken from the episodes' list")
 
     def of(self, index: int, numbers: NDArray[np.int64] | None, length: int) -> tuple[str, ...]:
         """Return the task of each frame of an episode; `_UNTITLED` where there is none in words."""

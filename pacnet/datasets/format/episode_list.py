@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.parquet import open_parquet
 from pacnet.datasets.format.paths import DATA_PATH, check_data_path
-from pacnet.datasets.format.tables import read_json_lines
+from pacnet.datasets.format.tables import OLD_EPISODES, read_json_lines
 
-OLD_EPISODES = "meta/episodes.jsonl"  # of formats v2.0 and v2.1
 _OLD_DATA_FILE = re.compile(r"episode_(\d{1,15})\.parquet", re.ASCII)
 _COLUMNS = ("episode_index", "length", "tasks", "data/chunk_index", "data/file_index")
 

@@ -94,8 +94,8 @@ def _to_numpy_flat(values: pa.Array) -> NDArray[np.generic]:
 def open_parquet(path: Path, columns: Sequence[str] = ()) -> Iterator[pq.ParquetFile]:
     """Open a Parquet file with these columns; raise a DatasetError if the block cannot read it."""
     try:
-        if path.exists() and not path.is_file():
-            raise OSError("it is no file")
+        if not path.is_file():
+            raise OSError("it is no file" if path.exists() else "there is no such file")
         with pq.ParquetFile(path) as file:
             _check(path, file, columns)
             yield file

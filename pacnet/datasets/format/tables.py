@@ -12,13 +12,13 @@ from pacnet.datasets.format import DatasetError, unreadable
 from pacnet.datasets.format.parquet import read_table, to_arrow, to_arrow_lists, to_arrow_text
 
 TASKS = "meta/tasks.parquet"
-OLD_TASKS = "meta/tasks.jsonl"  # of formats v2.0 and v2.1
+OLD_TASKS, OLD_EPISODES = "meta/tasks.jsonl", "meta/episodes.jsonl"  # of formats v2.0 and v2.1
 
 
 def read_tasks(root: Path) -> dict[int, str]:
     """Read the tasks by their indices; the column of their texts may have any name."""
     path = root / TASKS
-    if not path.exists() and (root / OLD_TASKS).exists():
+    if not path.exists() and any((root / name).exists() for name in (OLD_TASKS, OLD_EPISODES)):
         return _read_old_tasks(root / OLD_TASKS)
     table = read_table(path)
     columns = [name for name in table.column_names if name != "task_index"]
