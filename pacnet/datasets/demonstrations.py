@@ -96,22 +96,28 @@ def load_demonstrations(
     """
     from pacnet.datasets.format.episodes import read_episodes
     from pacnet.datasets.format.selection import Selection
+    from pacnet.datasets.format.vectors import vector_columns
     from pacnet.datasets.journal.journal import check_folded
 
     name, root = root, find_dataset(root)
     check_folded(root)
     info = read_info(root)
-    features = choose_features(info, state, environment_state, action)
+    choice = (state, environment_state, action)
+    selection = Selection.of(episodes, exclude, skip_damaged)
+    where = () if only_where is None else (only_where,)
+    features = choose_features([*info["features"]], *choice)
     if not features.percepts and not encoders:
         raise ValueError("expected a state, an environment state or encoded images, got none")
-    vectors = dict.fromkeys([*features.percepts, *features.action])
-    where = () if only_where is None else (only_where,)
     try:
-        read = read_episodes(
-            root, info, [*vectors, *where], Selection.of(episodes, exclude, skip_damaged)
-        )
+        read = read_episodes(root, info, features.and_also(*where), selection)
     except MissingFeature as error:
-        raise explain_missing(error, features) from None
+        there = [name for name in vector_columns(root, info) if name in info["features"]]
+        others = choose_features(there, *choice)  # without defaults that are only declared
+        if others == features:
+            raise explain_missing(error, features, only_where) from None
+        features = others
+        read = read_episodes(root, info, features.and_also(*where), selection)
+    vectors = features.and_also()
     fps = _rate(root / INFO, info, read)
     taken = _taken(read, only_where)
     _check_finite(read, vectors, taken)
@@ -162,7 +168,11 @@ def _rate(path: Path, info: Mapping[str, Any], read: Episodes) -> float:
     fps = info.get("fps")
     if is_rate(fps):
         return fps
-    steps = [] if read.timestamps is None else [*map(np.diff, read.split(read.timestamps))]
+    steps = (
+        []
+        if read.timestamps is None
+        else [*map(np.diff, read.split(read.timestamps.astype(np.float64)))]
+    )
     step = float(np.median(np.concatenate(steps))) if any(map(len, steps)) else 0.0
     if not step > 0 or not is_rate(1 / step):
         raise DatasetError(f"{path}: expected fps above 0 and finite, found {reprlib.repr(fps)}")

@@ -286,16 +286,25 @@ def test_vectors_of_different_lengths(root: Path):
 
 
 @pytest.mark.parametrize(
-    "values", [[0.0] * 7 + [None], ["word"] * 8, [[0.0]] * 7 + [None], [[0.0]] * 7 + [[None]]]
+    ("values", "message"),
+    [
+        ([0.0] * 7 + [None], "episode 2, frame 2, dimension 'action_0'.*--exclude 2"),
+        ([[0.0]] * 7 + [None], "episode 2, frame 2, dimension 'action_0'.*--exclude 2"),
+        ([[0.0]] * 7 + [[None]], "episode 2, frame 2, dimension 'action_0'.*--exclude 2"),
+        ([0] * 7 + [None], "expected numbers in 'action', found 1 gaps"),
+        (["word"] * 8, "expected numbers in 'action', found values of type string"),
+    ],
 )
-def test_gaps_and_words_in_place_of_numbers(root: Path, values: list[object]):
+def test_empty_values_and_words_in_place_of_numbers(root: Path, values: list[object], message: str):
     file = root / "data/chunk-000/file-000.parquet"
     table = pq.read_table(file)
     place = table.column_names.index("action")
     pq.write_table(table.set_column(place, "action", pa.array(values)), file)
 
-    with pytest.raises(DatasetError, match="expected numbers in 'action'"):
+    with pytest.raises(DatasetError, match=message):
         load_demonstrations(root)
+    if "--exclude" in message:
+        assert len(load_demonstrations(root, exclude=[2])) == 2
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e39])

@@ -1,6 +1,7 @@
 """Claims about the features that become states, environment states and actions."""
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,17 @@ def test_a_dataset_without_a_robots_state_has_its_surroundings(root: Path):
     assert demonstrations.percept_features.keys() == {SURROUNDINGS}
 
 
+@pytest.mark.parametrize("missing", [STATE, SURROUNDINGS])
+def test_defaults_that_are_declared_and_not_there_are_left_out(root: Path, missing: str):
+    frames = columns()
+    del frames[missing]
+    write_rows(root, frames, list(range(8)), "chunk-000/file-000.parquet")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DatasetWarning)
+        percepts = load_demonstrations(root).percept_features
+    assert percepts.keys() == {STATE, SURROUNDINGS} - {missing}
+
+
 def test_actions_may_be_left_out(root: Path):
     demonstrations = load_demonstrations(root, action=None)
     assert demonstrations.episodes[0].action.shape == (4, 0)
@@ -174,7 +186,7 @@ def test_a_column_that_is_never_true(root: Path):
 
 
 def test_a_column_that_is_not_there(root: Path):
-    with pytest.raises(MissingFeature, match="the feature 'success', the dataset has the vectors"):
+    with pytest.raises(MissingFeature, match=r"'success', .*: choose with --only-where NAME"):
         load_demonstrations(root, only_where="success")
 
 

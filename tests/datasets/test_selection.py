@@ -62,6 +62,13 @@ def test_episodes_that_are_not_there(root: Path, options: dict, message: str):
         load_demonstrations(root, **options)
 
 
+@pytest.mark.parametrize("wrong", ["12", [1.5], 1, [None]])
+def test_episodes_are_given_as_numbers_in_a_list(root: Path, wrong: object):
+    for name in ("episodes", "exclude"):
+        with pytest.raises(ValueError, match="expected episodes as indices in a list"):
+            load_demonstrations(root, **{name: wrong})
+
+
 def test_numbers_are_written_as_they_are_typed():
     assert numbers_text([9, 0, 2, 5, 6, 7, 8]) == "0,2,5-9"
 

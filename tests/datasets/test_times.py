@@ -97,7 +97,7 @@ def test_a_rate_within_five_percent_is_that_of_the_description(rate, told):
 @pytest.mark.parametrize("fps", [10, 30, 60, 250, 700, 1000, 2000])
 @pytest.mark.parametrize("start", [0, 1000, 9000])
 def test_rounding_to_float32_makes_no_gaps(fps, start):
-    times = even(1000, fps, start).astype(np.float32).astype(np.float64)
+    times = even(1000, fps, start).astype(np.float32)
     assert look(fps, [0], [times], [np.arange(1000)]) == ([()], [])
 
 
@@ -169,3 +169,21 @@ def test_the_step_between_two_episodes_is_no_gap():
 def test_two_frames_at_one_time_are_a_gap():
     timing = look(10, [3, 5], [even(9), np.full(2, 2.0)], [None, None])
     assert timing.gaps == [(), (1,)]
+
+
+def test_clock_times_in_doubles_are_not_rounded():
+    """Seconds since 1970, of which float32 holds every 128th."""
+    times = 1.7e9 + np.array([0, 0.1, 0.2, 5.3, 5.4])
+    assert look(10, [0], [times], [None]).gaps == [(3,)]
+
+
+@pytest.mark.parametrize("numbers", [np.zeros(5, int), np.arange(5)[::-1]])
+def test_numbers_of_frames_that_do_not_rise_are_unusable(numbers: np.ndarray):
+    timing = look(10, [0], [even(5)], [numbers])
+    assert timing.gaps == [()]
+    assert "frame_index is unusable" in timing.notes[0]
+
+
+def test_every_third_frame_of_a_recording_has_no_gaps():
+    assert look(10, [0], [even(5)], [3 * np.arange(5)]) == ([()], [])
+    assert look(10, [0], [even(5)], [np.array([0, 3, 6, 12, 15])]).gaps == [(3,)]

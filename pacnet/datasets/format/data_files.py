@@ -9,10 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from pyarrow import types
 
 from pacnet.datasets.format import DatasetError, MissingFeature
 from pacnet.datasets.format.episode_list import episode_of_old_file
-from pacnet.datasets.format.parquet import as_indices, dimension_of, open_parquet, to_numpy
+from pacnet.datasets.format.parquet import (
+    as_indices,
+    dimension_of,
+    open_parquet,
+    to_numpy,
+    to_numpy_with_gaps,
+)
 
 EPISODE, TASK, INDEX, FRAME, TIME = (
     "episode_index", "task_index", "index", "frame_index", "timestamp",
@@ -33,7 +40,7 @@ class DataFiles(NamedTuple):
 
 def data_paths(root: Path) -> list[Path]:
     """Return the data files of a dataset, at least one."""
-    paths = sorted((root / "data").glob("*/*.parquet"))
+    paths = sorted((root / "data").glob("*/[!.]*.parquet"))  # "._x" is of other systems
     if not paths:
         raise DatasetError(f"{root} has no data: expected data/chunk-*/*.parquet, found none")
     return paths
@@ -95,7 +102,7 @@ def _feature(
     try:
         if not dimension:
             raise ValueError("vectors without dimensions")
-        rows = to_numpy(column, dimension)
+        rows = to_numpy_with_gaps(column, dimension)
     except (ValueError, pa.ArrowException) as error:
         raise DatasetError(f"{path}: expected numbers in {name!r}, found {error}") from None
     dimensions[name] = dimension
@@ -110,12 +117,16 @@ def _indices(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.int64
     return as_indices(path, name, rows[:, 0])
 
 
-def _time(column: pa.ChunkedArray) -> NDArray[np.float64] | None:
-    """Return the time of each frame [s]; None where it is no number."""
+def _time(column: pa.ChunkedArray) -> NDArray[Any] | None:
+    """Return the time of each frame [s], as float32 if it is stored so; None if it is no number."""
     try:
-        return to_numpy(column, 1)[:, 0].astype(np.float64)
+        if types.is_timestamp(column.type):
+            nanoseconds = column.cast(pa.timestamp("ns"), safe=False).cast(pa.int64())
+            return to_numpy(nanoseconds, 1)[:, 0].astype(np.float64) / 1e9
+        rows = to_numpy(column, 1)[:, 0]
     except (ValueError, pa.ArrowException):
         return None
+    return rows if rows.dtype == np.float32 else rows.astype(np.float64)
 
 
 def columns_of(root: Path) -> Mapping[str, pa.DataType]:

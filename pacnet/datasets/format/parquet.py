@@ -80,6 +80,25 @@ def to_numpy(column: pa.ChunkedArray, dimension: int) -> NDArray[np.generic]:
     return _to_numpy_flat(values).reshape(-1, dimension)
 
 
+def to_numpy_with_gaps(column: pa.ChunkedArray, dimension: int) -> NDArray[np.generic]:
+    """Return the same; numbers or whole vectors of floats that are empty become NaN."""
+    values = column.combine_chunks()
+    kept = values.drop_null()
+    flat = kept.flatten() if is_list(kept.type) else kept
+    if not types.is_floating(flat.type) or not (values.null_count or flat.null_count):
+        return to_numpy(column, dimension)
+    filled = pc.call_function("coalesce", [flat, pa.scalar(float("nan"), flat.type)])
+    if is_list(kept.type):
+        lengths = _to_numpy_flat(pc.call_function("list_value_length", [kept]))
+        if (lengths != dimension).any():
+            raise ValueError(f"vectors of other lengths than {dimension}")
+    there = _to_numpy_flat(values.is_valid()) == 1
+    rows = _to_numpy_flat(filled).reshape(-1, dimension)
+    whole = np.full((len(values), dimension), np.nan, rows.dtype)
+    whole[there] = rows
+    return whole
+
+
 def _to_numpy_flat(values: pa.Array) -> NDArray[np.generic]:
     if values.null_count:
         raise ValueError(f"{values.null_count} gaps")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import reprlib
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from operator import index
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,9 +29,14 @@ class Selection(NamedTuple):
     def of(
         cls, episodes: Iterable[int] | None, exclude: Iterable[int], skip_damaged: bool
     ) -> Selection:
-        """Return the selection of these indices of episodes."""
-        wanted = None if episodes is None else frozenset(map(int, episodes))
-        return cls(wanted, frozenset(map(int, exclude)), skip_damaged)
+        """Return the selection of these indices of episodes; a ValueError if they are no such."""
+        try:
+            wanted = None if episodes is None else frozenset(map(index, episodes))
+            return cls(wanted, frozenset(map(index, exclude)), skip_damaged)
+        except TypeError:
+            raise ValueError(
+                f"expected episodes as indices in a list, got {episodes!r} and exclude {exclude!r}"
+            ) from None
 
     def takes(self, episode: int) -> bool:
         """Return whether an episode is asked for."""

@@ -36,6 +36,7 @@ class _Frames(NamedTuple):
     numbers: NDArray[np.int64]  # [N] frame_index, or as counted where the column is missing
     within: NDArray[np.bool_]  # [N - 1] whether a step leads to a frame of the same episode
     steps: NDArray[np.float64]  # [N - 1] in s, NaN between episodes
+    spacing: NDArray[np.float64]  # [N - 1] in s, between a time and the next that can be stored
 
 
 def find_gaps(
@@ -63,11 +64,12 @@ def find_gaps(
     frames = _frames(episodes, lengths, timestamps, frame_indices)
     known = frames.steps[np.isfinite(frames.steps)]
     typical = float(np.median(known)) if known.size else 0.0
-    jumps = frames.within & (np.diff(frames.numbers) != 1)
+    jumps, notes_of_numbers = _check_numbers(frames)
     if typical > 0:
         breaks, notes = _check_times(frames, typical, fps)
     else:
         breaks, notes = np.zeros_like(jumps), _unusable(frames, timestamps)
+    notes += notes_of_numbers
     rows = np.flatnonzero(breaks | jumps) + 1
     if not rows.size:
         return Timing([()] * len(episodes), notes)
@@ -86,16 +88,29 @@ def _frames(
 ) -> _Frames:
     """Compare each frame with the one before."""
     owner, starts = np.repeat(np.arange(len(lengths)), lengths), np.cumsum([0, *lengths])[:-1]
-    times, numbers = np.full(len(owner), np.nan), frame_indices
-    if timestamps is not None:
-        times = timestamps.astype(np.float64)
+    stored, numbers = timestamps, frame_indices
+    if stored is None:
+        stored = np.full(len(owner), np.nan)
+    times = stored.astype(np.float64)
+    with np.errstate(invalid="ignore", over="ignore"):
+        spacing = np.spacing(np.abs(stored[1:])).astype(np.float64)
     if numbers is None:
         numbers = np.arange(len(owner))
     times[~np.isfinite(times)] = np.nan
     within = owner[1:] == owner[:-1]
     with np.errstate(over="ignore"):
         steps = np.where(within, np.diff(times), np.nan)
-    return _Frames(episodes, starts, owner, times, numbers, within, steps)
+    return _Frames(episodes, starts, owner, times, numbers, within, steps, spacing)
+
+
+def _check_numbers(frames: _Frames) -> tuple[NDArray[np.bool_], list[str]]:
+    """Return which steps skip frames by their numbers, `[N - 1]`; usual steps may be above 1."""
+    steps = np.diff(frames.numbers)
+    usual = float(np.median(steps[frames.within])) if frames.within.any() else 1.0
+    if usual > 0:
+        return frames.within & (steps != usual), []
+    note = "The frame_index is unusable, it does not rise: frames are taken in their order."
+    return np.zeros_like(frames.within), [note]
 
 
 def _unusable(frames: _Frames, timestamps: NDArray[Any] | None) -> list[str]:
@@ -112,8 +127,7 @@ def _check_times(
     """Return which steps in time are gaps, `[N - 1]`, and notes about the rest."""
     notes = []
     with np.errstate(invalid="ignore", over="ignore"):
-        # LeRobot stores float32: two roundings move a step by at most one spacing.
-        spacing = np.spacing(np.abs(frames.times[1:]).astype(np.float32)).astype(np.float64)
+        spacing = frames.spacing  # two roundings move a step by at most that
         rounding = float(np.median(spacing[np.isfinite(frames.steps)]))
         breaks = (frames.steps > _LONGEST_STEP * typical + spacing) | (frames.steps < 0)
         breaks |= (frames.steps == 0) & (spacing < typical)

@@ -33,12 +33,19 @@ def check_vectors(root: Path, info: dict[str, Any], features: Sequence[str]) -> 
         _check_declared(info, name)
 
 
+def vector_columns(root: Path, info: dict[str, Any]) -> list[str]:
+    """Return the columns of the data that are vectors of numbers, without those of the format."""
+    columns, images = columns_of(root), image_features(info)
+    return [
+        name
+        for name, kind in columns.items()
+        if _is_vector(kind) and name not in RESERVED and name not in images
+    ]
+
+
 def missing_features(root: Path, info: dict[str, Any], missing: tuple[str, ...]) -> MissingFeature:
     """Return the error that these features are not there, with the vectors that are."""
-    columns = columns_of(root)
-    found = [name for name, kind in columns.items() if _is_vector(kind) and name not in RESERVED]
-    images = image_features(info)
-    vectors = ", ".join(f"{name!r}{_size(info, name)}" for name in found if name not in images)
+    vectors = ", ".join(f"{name!r}{_size(info, name)}" for name in vector_columns(root, info))
     wanted = " and ".join(map(repr, missing))
     noun = "feature" if len(missing) == 1 else "features"
     there = f"the vectors {vectors}" if vectors else "no vectors of numbers"
