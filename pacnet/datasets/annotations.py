@@ -86,6 +86,13 @@ def write_annotated(
     for name, reason in contents.left_out.items():
         text = f"{name!r} of {source} is left out of the copy: {reason}"
         warnings.warn(text, DatasetWarning, stacklevel=2)
+    blind = [name for name in plan.clips if name not in plan.pictures.of_all]
+    if blind:
+        text = (
+            f"{source} has no statistics of {', '.join(blind)}, nor has the copy: train LeRobot's "
+            "policies with --dataset.use_imagenet_stats=false"
+        )
+        warnings.warn(text, DatasetWarning, stacklevel=2)
     make_folder(destination.parent)
     location = {"prefix": f".{destination.name}.", "suffix": NEW, "dir": destination.parent}
     with TemporaryDirectory(**location) as folder:  # also removes what an interrupt leaves

@@ -257,7 +257,7 @@ def test_frames_per_second_that_are_not_whole_are_refused(
     values = {"fps": fps, "codebase_version": version, "features": camera}
     source = write_source(tmp_path / "source", frames(), **values)
 
-    message = f"a whole number as fps in meta.info.json, found {fps}"
+    message = f"a whole number as fps in meta.info.json, found {fps!r}"
     refused(source, message, error=DatasetError)
 
 

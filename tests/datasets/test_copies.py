@@ -206,9 +206,25 @@ def test_statistics_that_cannot_be_true_are_not_carried_over(tmp_path: Path):
     stats[TOP]["min"] = [[[2.0]]] * 3  # above the mean
     stats[WRIST]["mean"] = [0.5]
     path.write_text(json.dumps(stats))
-    found = json.loads((annotate(source) / "meta/stats.json").read_text())
+    with pytest.warns(DatasetWarning, match=f"no statistics of {TOP}, .*use_imagenet_stats=false"):
+        copy = annotate(source)
+    found = json.loads((copy / "meta/stats.json").read_text())
     assert TOP not in found
     assert WRIST not in found
+
+
+@pytest.mark.parametrize("shift", [0.3, -0.08])
+def test_frames_that_are_elsewhere_in_time_do_not_get_other_pictures(source: Path, shift: float):
+    """Time would begin at 0 in the copy, and the picture of each frame be another."""
+    path = sorted((source / "data").rglob("*.parquet"))[0]
+    table = pq.read_table(path)
+    times = table["timestamp"].to_numpy() + np.where(table["frame_index"].to_numpy() > 0, shift, 0)
+    place = table.column_names.index("timestamp")
+    pq.write_table(table.set_column(place, "timestamp", pa.array(times.astype("f4"))), path)
+    with pytest.raises(DatasetError, match=r"frames at every 1/10 s.*--no-videos.*--exclude 0"):
+        annotate(source)
+    with pytest.warns(DatasetWarning, match="in the copy it runs evenly from 0"):
+        annotate(source, videos=False)
 
 
 def test_a_camera_without_any_file_is_left_out(source: Path):

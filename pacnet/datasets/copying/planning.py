@@ -1,15 +1,18 @@
 """What a copy takes from a dataset, and its description, before anything is written."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from pacnet.datasets.copying.kept_columns import Kept, kept_columns
 from pacnet.datasets.copying.picture_statistics import picture_statistics
-from pacnet.datasets.copying.source import Source, read_source
+from pacnet.datasets.copying.source import Source, SourceEpisode, read_source
 from pacnet.datasets.copying.source_videos import Cameras, chunks_size, find_videos
 from pacnet.datasets.copying.write import VIDEO_PATH, Plan
-from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format import DatasetError, DatasetWarning
 from pacnet.datasets.format.features import (
     Arrays,
     Feature,
@@ -17,6 +20,7 @@ from pacnet.datasets.format.features import (
     is_text,
 )
 from pacnet.datasets.format.info import image_features, is_rate, json_bytes, new_info
+from pacnet.datasets.format.numbers import episodes_text, numbers_text
 
 _SIZES = ("data_files_size_in_mb", "video_files_size_in_mb")
 _NOT_COPIED = ("total_chunks", "total_videos")  # of v2.0 and v2.1
@@ -47,8 +51,34 @@ def find_contents(
     source = read_source(root, selected, skip_damaged=skip_damaged)
     fps = source.info.get("fps")
     if not is_rate(fps) or fps != int(fps):
-        raise DatasetError(f"{root}: expected a whole number as fps in meta/info.json, found {fps}")
-    return Contents(source, kept_columns(source), find_videos(source) if videos else Cameras())
+        raise DatasetError(
+            f"{root}: expected a whole number as fps in meta/info.json, found {fps!r}: "
+            "write it there"
+        )
+    cameras = find_videos(source) if videos else Cameras()
+    uneven = [one.number for one in source.episodes if _is_uneven(one, int(fps))]
+    if uneven and cameras.clips:
+        raise DatasetError(
+            f"expected frames at every 1/{int(fps)} s, as in the videos, found others in "
+            f"{episodes_text(uneven)}: copy the dataset without its videos (--no-videos), or leave "
+            f"out what has them with --exclude {numbers_text(uneven)}"
+        )
+    if uneven:
+        warnings.warn(
+            f"the time of {episodes_text(uneven)} has gaps or is not that of fps: in the copy it "
+            "runs evenly from 0",
+            DatasetWarning,
+            stacklevel=3,
+        )
+    return Contents(source, kept_columns(source), cameras)
+
+
+def _is_uneven(episode: SourceEpisode, fps: int) -> bool:
+    """Return whether a frame is half a frame or more away from where a copy has it."""
+    times = episode.times
+    if times is None or not np.isfinite(times).all():
+        return False
+    return bool((np.abs(times - np.arange(len(times)) / fps) >= 0.5 / fps).any())
 
 
 def plan_copy(contents: Contents, added: Mapping[str, Feature], annotations: list[Arrays]) -> Plan:

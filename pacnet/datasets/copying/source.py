@@ -6,6 +6,7 @@ and a column of each says which episode its rows belong to.
 
 import warnings
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple, TypeGuard
 
@@ -20,6 +21,7 @@ from pacnet.datasets.format.data_files import (
     FRAME,
     INDEX,
     TASK,
+    TIME,
     data_paths,
     read_data_file,
 )
@@ -47,6 +49,7 @@ class SourceEpisode(NamedTuple):
     number: int  # its index in the dataset
     parts: tuple[Rows, ...]
     tasks: tuple[str, ...]  # of each frame
+    times: NDArray[Any] | None  # [T] in s; None if they are not known
 
     @property
     def length(self) -> int:
@@ -80,6 +83,7 @@ class _Part(NamedTuple):
     rows: NDArray[np.int64]  # [T]
     order: NDArray[np.int64]  # [T], what they are sorted by
     tasks: NDArray[np.int64] | None  # [T]
+    times: NDArray[Any] | None  # [T]
 
 
 def read_source(
@@ -134,7 +138,8 @@ def _add_parts(path: Path, found: dict[int, list[_Part]]) -> None:
         rows = np.flatnonzero(episodes == index)
         rows = rows[np.argsort(order[rows], kind="stable")]
         tasks = columns[TASK][rows] if TASK in columns else None
-        found.setdefault(index, []).append(_Part(path, rows, order[rows], tasks))
+        times = columns[TIME][rows] if TIME in columns else None
+        found.setdefault(index, []).append(_Part(path, rows, order[rows], tasks, times))
 
 
 class _Tasks:
@@ -183,10 +188,17 @@ def _warn(text: str) -> None:
 def _episode(index: int, parts: list[_Part], texts: _Tasks) -> SourceEpisode:
     """Return an episode with its files in the order of its frames."""
     parts = sorted(parts, key=lambda part: part.order[0])
+    if any(before.order[-1] >= after.order[0] for before, after in pairwise(parts)):
+        raise DatasetError(
+            f"expected the frames of episode {index} in one file after the other, found them mixed"
+        )
     numbers = [part.tasks for part in parts if part.tasks is not None]
     known = np.concatenate(numbers) if len(numbers) == len(parts) else None
     tasks = texts.of(index, known, sum(len(part.rows) for part in parts))
-    return SourceEpisode(index, tuple(Rows(part.path, part.rows) for part in parts), tasks)
+    stored = [part.times for part in parts if part.times is not None]
+    times = np.concatenate(stored) if len(stored) == len(parts) else None
+    rows = tuple(Rows(part.path, part.rows) for part in parts)
+    return SourceEpisode(index, rows, tasks, times)
 
 
 class FrameReader:
