@@ -227,6 +227,22 @@ def test_frames_that_are_elsewhere_in_time_do_not_get_other_pictures(source: Pat
         annotate(source, videos=False)
 
 
+@pytest.mark.parametrize(("start", "taken"), [(0.1, True), (0.2, False)])
+def test_time_may_count_from_one_frame_on_but_not_from_later(
+    source: Path, start: float, taken: bool
+):
+    for path in (source / "data").rglob("*.parquet"):
+        table = pq.read_table(path)
+        times = (table["timestamp"].to_numpy() + start).astype("f4")
+        place = table.column_names.index("timestamp")
+        pq.write_table(table.set_column(place, "timestamp", pa.array(times)), path)
+    if taken:
+        assert len(video_files(annotate(source))) > 0
+    else:
+        with pytest.raises(DatasetError, match="--exclude 0-2"):
+            annotate(source)
+
+
 def test_a_camera_without_any_file_is_left_out(source: Path):
     for path in video_files(source):
         path.unlink()

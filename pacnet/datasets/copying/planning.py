@@ -74,11 +74,15 @@ def find_contents(
 
 
 def _is_uneven(episode: SourceEpisode, fps: int) -> bool:
-    """Return whether a frame is half a frame or more away from where a copy has it."""
+    """Return whether frames lie elsewhere in time than in a copy, by half a frame or more.
+
+    Some recordings count from one frame on, with videos that begin at the first; that is no matter.
+    """
     times = episode.times
     if times is None or not np.isfinite(times).all():
         return False
-    return bool((np.abs(times - np.arange(len(times)) / fps) >= 0.5 / fps).any())
+    steps = np.arange(len(times)) / fps
+    return bool(abs(times[0]) >= 1.5 / fps or (abs(times - times[0] - steps) >= 0.5 / fps).any())
 
 
 def plan_copy(contents: Contents, added: Mapping[str, Feature], annotations: list[Arrays]) -> Plan:
