@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from pacnet.datasets.copying.source import Source
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.appending import STATISTICS
-from pacnet.datasets.format.parquet import open_parquet, read_table
 from pacnet.datasets.format.statistics import NAMES, QUANTILES
-from pacnet.datasets.format.tables import read_json_lines
+from pacnet.datasets.format.tables import read_episode_rows, read_json_lines
 
 _OLD_STATISTICS = "meta/episodes_stats.jsonl"  # of format v2.1
 _MOMENTS = ("min", "max", "mean", "std")
@@ -73,15 +72,12 @@ def _of_episodes(source: Source, features: Sequence[str]) -> dict[int, dict[str,
 def _of_rows(root: Path, features: Sequence[str]) -> dict[int, dict[str, Any]]:
     columns = {f"stats/{name}/{kind}": (name, kind) for name in features for kind in NAMES}
     found: dict[int, dict[str, Any]] = {}
-    for path in sorted((root / "meta/episodes").glob("*/*.parquet")):
-        with open_parquet(path, ["episode_index"]) as file:
-            names = [name for name in columns if name in file.schema_arrow.names]
-        for row in read_table(path, ["episode_index", *names]).to_pylist():
-            stats: dict[str, Any] = {name: {} for name in features}
-            for column in names:
-                name, kind = columns[column]
+    for row in read_episode_rows(root, [*columns]):
+        stats: dict[str, Any] = {name: {} for name in features}
+        for column, (name, kind) in columns.items():
+            if column in row:
                 stats[name][kind] = row[column]
-            found[row["episode_index"]] = stats
+        found[row["episode_index"]] = stats
     return found
 
 

@@ -12,8 +12,8 @@ from pacnet.datasets.copying.source import Source
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.appending import FileNumber
 from pacnet.datasets.format.info import image_features
-from pacnet.datasets.format.parquet import open_parquet, read_table
 from pacnet.datasets.format.paths import check_video_path, path_of_source
+from pacnet.datasets.format.tables import read_episode_rows
 
 _POINTERS = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
 _DEFAULT_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
@@ -108,7 +108,8 @@ def _clips_v3(source: Source, cameras: Sequence[str]) -> dict[str, list[Clip | N
     """Return each camera's clips as `meta/episodes` has them; those of videos it lacks are None."""
     template = source.info.get("video_path") or _DEFAULT_PATH
     check_video_path(template, [*cameras])
-    rows = _episode_rows(source.root, cameras)
+    columns = [f"videos/{camera}/{name}" for camera in cameras for name in _POINTERS]
+    rows = {row["episode_index"]: row for row in read_episode_rows(source.root, columns)}
     found: dict[str, list[Clip | None]] = {camera: [] for camera in cameras}
     for camera, episode in ((camera, one.number) for camera in cameras for one in source.episodes):
         pointers = [rows.get(episode, {}).get(f"videos/{camera}/{name}") for name in _POINTERS]
@@ -130,20 +131,6 @@ def _clip_v3(
         )
     path = template.format(video_key=camera, chunk_index=chunk, file_index=file)
     return Clip(path_of_source(root, path), FileNumber(chunk, file), float(start), float(stop))
-
-
-def _episode_rows(root: Path, cameras: Sequence[str]) -> dict[int, dict[str, Any]]:
-    """Return the columns of `meta/episodes` about these cameras, by episode."""
-    wanted = [
-        "episode_index",
-        *(f"videos/{camera}/{name}" for camera in cameras for name in _POINTERS),
-    ]
-    rows: dict[int, dict[str, Any]] = {}
-    for path in sorted((root / "meta/episodes").glob("*/*.parquet")):
-        with open_parquet(path, ["episode_index"]) as file:
-            names = [name for name in wanted if name in file.schema_arrow.names]
-        rows |= {row["episode_index"]: row for row in read_table(path, names).to_pylist()}
-    return rows
 
 
 def _clips_v2(source: Source, cameras: Sequence[str]) -> dict[str, list[Clip | None]]:

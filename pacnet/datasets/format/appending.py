@@ -27,7 +27,7 @@ from pacnet.datasets.format.parquet import (
     to_numpy,
 )
 from pacnet.datasets.format.paths import path_for_file, path_inside
-from pacnet.datasets.format.tables import TASKS, read_tasks
+from pacnet.datasets.format.tables import TASKS, episode_files, read_tasks
 
 STATISTICS = "meta/stats.json"
 EPISODES_PATH = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -91,7 +91,7 @@ def open_dataset(root: Path, recording: Recording) -> Dataset:
         check_same(root, dataset.info, recording)
         for path in dataset.data_paths():
             _check_data_file(path, dataset.dimensions)
-        for path in _episodes_files(root):
+        for path in episode_files(root):
             _check_extremes(path, dataset.info["features"])
     else:
         _check_no_files(root)
@@ -125,14 +125,10 @@ def _empty_dataset(root: Path, info: dict[str, Any]) -> Dataset:
     return Dataset(root, info, [], [], FileNumber(0, 0), FileNumber(0, 0), None)
 
 
-def _episodes_files(root: Path) -> list[Path]:
-    return sorted((root / "meta" / "episodes").glob("*/*.parquet"))
-
-
 def _read_dataset(root: Path) -> Dataset:
     """Read a dataset; LeRobot makes some without an episode."""
     info = read_appendable_info(root)
-    paths = _episodes_files(root)
+    paths = episode_files(root)
     if not paths and (info.get("total_frames"), info.get("total_episodes")) == (0, 0):
         return _empty_dataset(root, info)
     if not paths:

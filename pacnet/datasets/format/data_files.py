@@ -16,15 +16,15 @@ from pacnet.datasets.format.episode_list import episode_of_old_file
 from pacnet.datasets.format.parquet import (
     as_indices,
     dimension_of,
+    numbers_of,
     open_parquet,
     to_numpy,
-    to_numpy_with_gaps,
 )
 
 EPISODE, TASK, INDEX, FRAME, TIME = (
     "episode_index", "task_index", "index", "frame_index", "timestamp",
 )  # fmt: skip
-ROW = "row"  # which frame of the whole dataset it is
+ROW = "row"  # of all data files, one after the other
 _INDICES = (EPISODE, TASK, INDEX, FRAME)
 
 Columns = dict[str, NDArray[Any]]
@@ -63,9 +63,9 @@ def read_data_files(root: Path, features: Sequence[str]) -> DataFiles:
             damaged[path] = error
     if not files:
         raise next(iter(damaged.values()))
-    names = [name for name in files[0] if all(name in file for file in files)]
     if len(files) == 1:  # without a copy
         return DataFiles(files[0], damaged)
+    names = [name for name in files[0] if all(name in file for file in files)]
     columns = {name: np.concatenate([file[name] for file in files]) for name in names}
     return DataFiles(columns, damaged)
 
@@ -83,9 +83,11 @@ def read_data_file(path: Path, features: Sequence[str], dimensions: dict[str, in
         table = file.read([*dict.fromkeys([*features, *extra])])
     columns = {name: _feature(path, name, table[name], dimensions) for name in features}
     for name in extra:
-        values = _time(table[name]) if name == TIME else _indices(path, name, table[name])
-        if values is not None:
-            columns[name] = values
+        column = table[name]
+        if name != TIME:
+            columns[name] = as_indices(path, name, numbers_of(path, name, column, 1)[:, 0])
+        elif (times := _time(column)) is not None:
+            columns[name] = times
     if EPISODE not in columns:
         episode = episode_of_old_file(path)
         if episode is None:
@@ -99,22 +101,13 @@ def _feature(
 ) -> NDArray[Any]:
     """Return a feature `[N, D]`, with D as in the files before."""
     dimension = dimensions.get(name, 0) or dimension_of(column)
-    try:
-        if not dimension:
-            raise ValueError("vectors without dimensions")
-        rows = to_numpy_with_gaps(column, dimension)
-    except (ValueError, pa.ArrowException) as error:
-        raise DatasetError(f"{path}: expected numbers in {name!r}, found {error}") from None
+    if not dimension:
+        raise DatasetError(
+            f"{path}: expected numbers in {name!r}, found vectors without dimensions"
+        )
+    rows = numbers_of(path, name, column, dimension, gaps=True)
     dimensions[name] = dimension
     return rows
-
-
-def _indices(path: Path, name: str, column: pa.ChunkedArray) -> NDArray[np.int64]:
-    try:
-        rows = to_numpy(column, 1)
-    except (ValueError, pa.ArrowException) as error:
-        raise DatasetError(f"{path}: expected numbers in {name!r}, found {error}") from None
-    return as_indices(path, name, rows[:, 0])
 
 
 def _time(column: pa.ChunkedArray) -> NDArray[Any] | None:

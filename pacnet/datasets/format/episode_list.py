@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pacnet.datasets.format import DatasetError
-from pacnet.datasets.format.parquet import open_parquet
 from pacnet.datasets.format.paths import DATA_PATH, check_data_path
-from pacnet.datasets.format.tables import OLD_EPISODES, read_json_lines
+from pacnet.datasets.format.tables import OLD_EPISODES, read_episode_rows, read_json_lines
 
 _OLD_DATA_FILE = re.compile(r"episode_(\d{1,15})\.parquet", re.ASCII)
-_COLUMNS = ("episode_index", "length", "tasks", "data/chunk_index", "data/file_index")
+_COLUMNS = ("length", "tasks", "data/chunk_index", "data/file_index")
 
 
 class ListedEpisode(NamedTuple):
@@ -58,18 +57,13 @@ def _rows(root: Path, info: Mapping[str, Any]) -> list[dict[str, Any]]:
     data_path = info.get("data_path") or DATA_PATH
     check_data_path(data_path)
     found = []
-    for path in sorted((root / "meta" / "episodes").glob("*/*.parquet")):
-        with open_parquet(path) as file:
-            names = [name for name in _COLUMNS if name in file.schema_arrow.names]
-            rows = file.read(names).to_pylist()
-        for row in rows:
-            numbers = [_integer(row.get(f"data/{name}")) for name in ("chunk_index", "file_index")]
-            place = None
-            if None not in numbers:
-                place = data_path.format(chunk_index=numbers[0], file_index=numbers[1])
-            task = _first_text(row.get("tasks"))
-            kept = {name: row.get(name) for name in ("episode_index", "length")}
-            found.append(kept | {"task": task, "data_file": place})
+    for row in read_episode_rows(root, _COLUMNS):
+        numbers = [_integer(row.get(f"data/{name}")) for name in ("chunk_index", "file_index")]
+        place = None
+        if None not in numbers:
+            place = data_path.format(chunk_index=numbers[0], file_index=numbers[1])
+        kept = {name: row.get(name) for name in ("episode_index", "length")}
+        found.append(kept | {"task": _first_text(row.get("tasks")), "data_file": place})
     return found
 
 

@@ -4,6 +4,7 @@ Conversion goes by way of buffers and DLPack: Arrow's own functions import panda
 installed, which takes 0.6 s. Files are checked before their content takes memory.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -61,13 +62,20 @@ def dimension_of(column: pa.ChunkedArray) -> int:
     return len(column.drop_null()[0])
 
 
-def to_numpy(column: pa.ChunkedArray, dimension: int) -> NDArray[np.generic]:
+def to_numpy(column: pa.ChunkedArray, dimension: int, *, gaps: bool = False) -> NDArray[np.generic]:
     """Return a column of numbers as vectors `[N, D]`; booleans become 0 and 1.
+
+    With `gaps`, floats that are empty and empty vectors of floats become NaN.
 
     Raises:
         ValueError: it holds something else; the message only describes that.
     """
-    values = column.combine_chunks()
+    whole = values = column.combine_chunks()
+    gaps = gaps and types.is_floating(
+        values.type.value_type if is_list(values.type) else values.type
+    )
+    if gaps:
+        values = values.drop_null()
     if dimension > 1 or types.is_nested(values.type):
         if not is_list(values.type):
             raise ValueError(f"{values.type} in place of lists of {dimension}")
@@ -77,26 +85,14 @@ def to_numpy(column: pa.ChunkedArray, dimension: int) -> NDArray[np.generic]:
                 f"{lengths[lengths != dimension][0]} in a frame in place of {dimension}"
             )
         values = values.flatten()
-    return _to_numpy_flat(values).reshape(-1, dimension)
-
-
-def to_numpy_with_gaps(column: pa.ChunkedArray, dimension: int) -> NDArray[np.generic]:
-    """Return the same; numbers or whole vectors of floats that are empty become NaN."""
-    values = column.combine_chunks()
-    kept = values.drop_null()
-    flat = kept.flatten() if is_list(kept.type) else kept
-    if not types.is_floating(flat.type) or not (values.null_count or flat.null_count):
-        return to_numpy(column, dimension)
-    filled = pc.call_function("coalesce", [flat, pa.scalar(float("nan"), flat.type)])
-    if is_list(kept.type):
-        lengths = _to_numpy_flat(pc.call_function("list_value_length", [kept]))
-        if (lengths != dimension).any():
-            raise ValueError(f"vectors of other lengths than {dimension}")
-    there = _to_numpy_flat(values.is_valid()) == 1
-    rows = _to_numpy_flat(filled).reshape(-1, dimension)
-    whole = np.full((len(values), dimension), np.nan, rows.dtype)
-    whole[there] = rows
-    return whole
+    if gaps and values.null_count:
+        values = pc.call_function("coalesce", [values, pa.scalar(math.nan, values.type)])
+    rows = _to_numpy_flat(values).reshape(-1, dimension)
+    if len(rows) == len(whole):
+        return rows
+    filled = np.full((len(whole), dimension), np.nan, rows.dtype)
+    filled[_to_numpy_flat(whole.is_valid()) == 1] = rows
+    return filled
 
 
 def _to_numpy_flat(values: pa.Array) -> NDArray[np.generic]:
@@ -152,13 +148,20 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 def read_columns(path: Path, dimensions: Mapping[str, int]) -> dict[str, NDArray[np.generic]]:
     """Read columns of numbers: name -> D gives name -> `[N, D]`."""
     table = read_table(path, [*dimensions])
-    columns = {}
-    for name, dimension in dimensions.items():
-        try:
-            columns[name] = to_numpy(table[name], dimension)
-        except (ValueError, pa.ArrowException) as error:
-            raise DatasetError(f"{path}: expected numbers in {name!r}, found {error}") from None
-    return columns
+    return {
+        name: numbers_of(path, name, table[name], dimension)
+        for name, dimension in dimensions.items()
+    }
+
+
+def numbers_of(
+    path: Path, name: str, column: pa.ChunkedArray, dimension: int, *, gaps: bool = False
+) -> NDArray[np.generic]:
+    """Return a column of a file as `to_numpy` does; raise a DatasetError that names both."""
+    try:
+        return to_numpy(column, dimension, gaps=gaps)
+    except (ValueError, pa.ArrowException) as error:
+        raise DatasetError(f"{path}: expected numbers in {name!r}, found {error}") from None
 
 
 def as_indices(path: Path, name: str, rows: NDArray[Any]) -> NDArray[np.int64]:

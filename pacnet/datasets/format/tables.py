@@ -1,7 +1,7 @@
 """The tables of `meta/`, laid out as LeRobot's readers expect them: tasks and episodes."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,13 @@ import numpy as np
 import pyarrow as pa
 
 from pacnet.datasets.format import DatasetError, unreadable
-from pacnet.datasets.format.parquet import read_table, to_arrow, to_arrow_lists, to_arrow_text
+from pacnet.datasets.format.parquet import (
+    open_parquet,
+    read_table,
+    to_arrow,
+    to_arrow_lists,
+    to_arrow_text,
+)
 
 TASKS = "meta/tasks.parquet"
 OLD_TASKS, OLD_EPISODES = "meta/tasks.jsonl", "meta/episodes.jsonl"  # of formats v2.0 and v2.1
@@ -56,6 +62,19 @@ def read_json_lines(path: Path) -> list[dict[str, Any]]:
         if not isinstance(line, dict):
             raise DatasetError(f"{path}: expected an object on each line, found {line!r}")
     return lines
+
+
+def episode_files(root: Path) -> list[Path]:
+    """Return the files of `meta/episodes`, in their order."""
+    return sorted((root / "meta" / "episodes").glob("*/*.parquet"))
+
+
+def read_episode_rows(root: Path, columns: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of `meta/episodes`: the episode's index, and these columns where there."""
+    for path in episode_files(root):
+        with open_parquet(path, ["episode_index"]) as file:
+            there = [name for name in columns if name in file.schema_arrow.names]
+            yield from file.read(["episode_index", *there]).to_pylist()
 
 
 def tasks_table(tasks: Sequence[str]) -> pa.Table:

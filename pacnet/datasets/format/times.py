@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.datasets.format.numbers import episodes_text
+
 _RATE_TOLERANCE = 0.05  # of 1 / fps
 _LONGEST_STEP = 1.5  # typical steps; jitter stays below
 _SHOWN = 3  # events spelled out in a note
@@ -138,8 +140,9 @@ def _check_times(
         )
     stopped = _stopped(frames)
     if stopped.any():
+        names = [frames.episodes[position] for position in np.flatnonzero(stopped).tolist()]
         notes.append(
-            f"The timestamps of {_name_episodes(frames, stopped)} stand still and are unusable: "
+            f"The timestamps of {episodes_text(names)} stand still and are unusable: "
             "frames are taken as evenly spaced."
         )
         breaks &= ~stopped[frames.owner[1:]]
@@ -167,12 +170,6 @@ def _note_unknown(frames: _Frames) -> list[str]:
         f"{frames.episodes[owner]}, frame {rows[0] - frames.starts[owner]}. No gap is looked for "
         "beside them."
     ]
-
-
-def _name_episodes(frames: _Frames, chosen: NDArray[np.bool_]) -> str:
-    names = [str(frames.episodes[position]) for position in np.flatnonzero(chosen).tolist()]
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"episode{'s' * (len(names) > 1)} {', '.join(names[:_SHOWN])}{more}"
 
 
 def _describe_gaps(
