@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pacnet.cli.held_out import add_held_out, compare, to_learn
 from pacnet.cli.parsing import (
     Commands,
     add_command,
@@ -21,12 +23,14 @@ from pacnet.cli.reports import count_episodes, describe_reports, print_reports
 
 if TYPE_CHECKING:
     from pacnet.datasets.demonstrations import Demonstrations
+    from pacnet.evaluation.held_out import Split
     from pacnet.imitator.imitator import Imitator
 
 _DETAILS = """Every episode is learned once, in order; nothing is learned across a gap in time. A
 percept is the state, followed by the environment state if the dataset has one; images are ignored.
 All settings are chosen from the data."""
 _EXAMPLES = """pacnet fit recordings/drinking --out imitator
+  pacnet fit recordings/drinking --held-out 5 --out without_every_fifth
   pacnet fit recordings/toasting --from imitator --out imitator
   pacnet fit user/name --state arm --state hand --action actions --exclude 3 --out imitator
   pacnet fit recordings/corrections --corrections --from imitator --out imitator"""
@@ -69,6 +73,7 @@ def add_to(commands: Commands) -> None:
         "--lead", type=whole_number(1), metavar="N",
         help="with --targets state: number of frames that the state lies ahead (1)",
     )  # fmt: skip
+    add_held_out(parser)
     parser.add_argument(
         "--overwrite", action="store_true",
         help="replace a checkpoint in DIR; not needed if --from is DIR too",
@@ -108,13 +113,18 @@ def run(arguments: argparse.Namespace) -> None:
     folder = checkpoint_folder(arguments.out)
     _check_out(arguments, folder)
     use_one_thread()
-    imitator, demonstrations = _prepare(arguments)
+    known, demonstrations = _load(arguments)
+    parted = _parted(demonstrations, arguments.held_out)
+    shown = to_learn(demonstrations, parted) if parted else demonstrations
+    imitator = _untrained(arguments)(shown) if known is None else known
     before, began = len(imitator.reports), time.perf_counter()
-    _learn(imitator, demonstrations, arguments.corrections)
+    _learn(imitator, shown, arguments.corrections)
     seconds = time.perf_counter() - began
     with defer_sigint():
         imitator.save_pretrained(folder)
     _print(imitator, before, seconds, folder)
+    if parted:
+        compare(parted, imitator, _untrained(arguments))
 
 
 def _check_usage(arguments: argparse.Namespace) -> None:
@@ -122,6 +132,8 @@ def _check_usage(arguments: argparse.Namespace) -> None:
         arguments.usage_error("argument --lead: only with --targets state")
     if arguments.corrections and arguments.origin is None:
         arguments.usage_error("argument --corrections: only with --from")
+    if arguments.held_out is not None and arguments.origin is not None:
+        arguments.usage_error("argument --held-out: not with --from, which has learned other data")
     for option in ("targets", "lead"):
         if arguments.origin is not None and getattr(arguments, option) is not None:
             arguments.usage_error(f"argument --{option}: not with --from, which has its own")
@@ -147,10 +159,9 @@ def _check_out(arguments: argparse.Namespace, folder: Path) -> None:
         )
 
 
-def _prepare(arguments: argparse.Namespace) -> tuple[Imitator, Demonstrations]:
-    """Return the imitator and the demonstrations it is to learn."""
+def _load(arguments: argparse.Namespace) -> tuple[Imitator | None, Demonstrations]:
+    """Return the imitator to continue from, if any, and the demonstrations."""
     from pacnet.cli.loading import load_dataset, load_imitator
-    from pacnet.imitator.imitator import Imitator
 
     imitator = None if arguments.origin is None else load_imitator(arguments.origin)
     features = {}
@@ -158,11 +169,24 @@ def _prepare(arguments: argparse.Namespace) -> tuple[Imitator, Demonstrations]:
         given = getattr(arguments, name)
         if given is not None:
             features[name] = () if given == [_NONE] and name != "action" else tuple(given)
-    demonstrations = load_dataset(arguments, imitator, only_where=arguments.only_where, **features)
-    if imitator is None:
-        targets, lead = arguments.targets or "action", arguments.lead or 1
-        imitator = Imitator.from_demonstrations(demonstrations, targets, lead)
-    return imitator, demonstrations
+    return imitator, load_dataset(arguments, imitator, only_where=arguments.only_where, **features)
+
+
+def _parted(demonstrations: Demonstrations, every: int | None) -> list[Split]:
+    """Return what to learn and what to hold out; nothing if nothing is to be held out."""
+    if every is None:
+        return []
+    from pacnet.evaluation.held_out import splits
+
+    return splits(demonstrations, every)
+
+
+def _untrained(arguments: argparse.Namespace) -> Callable[[Demonstrations], Imitator]:
+    """Return what makes an imitator with settings from demonstrations, as the arguments say."""
+    from pacnet.imitator.imitator import Imitator
+
+    targets, lead = arguments.targets or "action", arguments.lead or 1
+    return lambda demonstrations: Imitator.from_demonstrations(demonstrations, targets, lead)
 
 
 def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool) -> None:
