@@ -35,13 +35,15 @@ class Split(NamedTuple):
 
     training: Demonstrations
     held_out: Demonstrations
+    scale: Demonstrations | None = None
+    """In standard deviations of whose actions errors are measured; None for the training data."""
 
 
 class HeldOutScores(NamedTuple):
     """What an imitator does at the frames held out, and how near it is to what was shown.
 
-    An error is the root mean square of (action − action shown) / standard deviation of the shown
-    actions in the training data, over all dimensions that move there; NaN where none does.
+    An error is the root mean square of (action − action shown) / standard deviation of the actions
+    in `Split.scale`, over all dimensions that move there; NaN where none does.
     """
 
     episodes: int
@@ -137,7 +139,7 @@ def score(
 
 def follow(imitator: Imitator, shown: Demonstration) -> Followed:
     """Return what an imitator does at the percepts of an episode, from its beginning."""
-    _reset(imitator, shown.task)
+    begin(imitator, shown.task)
     sent = np.empty(shown.action.shape, np.float32)
     acted, novel = np.empty((2, len(sent)), np.bool_)
     last = imitator.first_action.numpy()
@@ -146,6 +148,11 @@ def follow(imitator: Imitator, shown: Demonstration) -> Followed:
         sent[frame] = last if step.action is None else step.action
         last, acted[frame], novel[frame] = sent[frame], step.action is not None, step.is_novel
     return Followed(sent, acted, novel)
+
+
+def begin(imitator: Imitator, _task: str) -> None:
+    """Start a new recall episode of a task."""
+    imitator.reset()
 
 
 class _Compared(NamedTuple):
@@ -163,7 +170,8 @@ def _compare(
     """Learn, then yield each continuous part of what is held out."""
     imitator = learn(split.training)
     others = {name: make().fit(split.training) for name, make in BASELINES.items()}
-    deviations = torch.cat([shown.action for shown in split.training]).double().numpy().std(axis=0)
+    known = [shown.action for shown in split.scale or split.training]
+    deviations = torch.cat(known).double().numpy().std(axis=0)
     moves = deviations >= _LEAST_DEVIATION
     for shown in split.held_out.continuous():
         followed = follow(imitator, shown)
@@ -185,11 +193,6 @@ def _root_mean(squares: Sequence[NDArray[np.float64]]) -> float:
     """Return the root of the mean of all squares; NaN if there are none."""
     every = np.concatenate(squares)
     return math.sqrt(every.mean()) if len(every) else math.nan
-
-
-def _reset(imitator: Imitator, _task: str) -> None:
-    """Start a new recall episode of a task."""
-    imitator.reset()
 
 
 def _split(

@@ -155,6 +155,14 @@ def test_dimensions_of_actions_that_did_not_move_are_not_compared():
     assert math.isnan(scores.error)
 
 
+def test_errors_can_be_measured_by_other_data():
+    training, out = shown(episode(0, [0, 1], [0, 2])), shown(episode(1, [0], [3]))
+    scale = shown(episode(2, [5, 5], [0, 12]))  # a deviation of 6
+    imitator = Scripted({0.0: (0.0, False)}, first=0.0)
+    scores = score([Split(training, out, scale)], lambda _: imitator)
+    assert scores.error == scores.baselines["1-NN"] == pytest.approx(3 / 6)
+
+
 def test_frames_of_all_splits_count_alike():
     # Two splits with deviations of 1 and 2: errors of 3 in one frame, of 0 in three.
     one = Split(shown(episode(0, [0, 1], [0, 2])), shown(episode(1, [0], [3])))
