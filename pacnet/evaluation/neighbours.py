@@ -91,12 +91,16 @@ class NearestNeighbours:
         The squared distance is |q|² + |x|² − 2 q·x, of which |q|² changes no order.
         """
         lengths, k = self._frames.square().sum(dim=1), min(self.k, len(self._frames))
-        rows = max(1, _BLOCK_BYTES // (8 * len(self._frames)))
-        found = []
-        for block in queries.split(rows):
-            distances = torch.addmm(lengths, block, self._frames.T, alpha=-2)
-            found.append(distances.topk(k, dim=1, largest=False).indices)
-        return torch.cat(found)
+        rows = max(1, _BLOCK_BYTES // (8 * len(lengths)))
+        # One buffer for all blocks: blocks of their own would stay with the allocator.
+        buffer = torch.empty(min(rows, len(queries)), len(lengths), dtype=torch.float64)
+        nearest = torch.empty(len(queries), k, dtype=torch.int64)
+        for first in range(0, len(queries), rows):
+            block = queries[first : first + rows]
+            distances = buffer[: len(block)]
+            torch.addmm(lengths, block, self._frames.T, alpha=-2, out=distances)
+            nearest[first : first + rows] = distances.topk(k, dim=1, largest=False).indices
+        return nearest
 
 
 class RepeatLast:

@@ -1,5 +1,9 @@
 """Baselines: neighbours worked out by hand and by brute force, histories, gaps, refusals."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -7,6 +11,7 @@ import torch
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.evaluation import NearestNeighbours, RepeatLast, neighbours
 
+PROJECT = Path(__file__).parents[2]
 FPS = 10
 
 
@@ -174,3 +179,34 @@ def test_bad_settings_and_other_percepts_are_refused():
         fitted = NearestNeighbours(1, history_s).fit(shown(drawn(0, 9)))
         with pytest.raises(ValueError, match="expected percepts of 3 dimensions, as fitted, got 2"):
             fitted.predict(drawn(0, 9, 2))
+
+
+MEMORY = """
+import resource
+import torch
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.evaluation import NearestNeighbours
+
+def peak():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+def episode(frames):
+    rows = torch.randn(frames, 4, generator=torch.Generator().manual_seed(frames))
+    return Demonstration(0, "move", rows, torch.empty(frames, 0), rows)
+
+fitted = NearestNeighbours(1).fit(Demonstrations(10, {}, (episode(20_000),)))
+fitted.predict(episode(1))
+before = peak()
+fitted.predict(episode(10_000))
+print(peak() - before)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is counted in other units there")
+def test_memory_stays_bounded_in_a_process():
+    # All distances at once would take 1,600 MB.
+    done = subprocess.run(
+        [sys.executable, "-c", MEMORY], cwd=PROJECT, capture_output=True, text=True, check=True
+    )
+    assert float(done.stdout) < 64  # [MB]
