@@ -16,6 +16,7 @@ from pacnet.core.validation import is_integer
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.evaluation.neighbours import NearestNeighbours, RepeatLast
 from pacnet.imitator.imitator import Imitator
+from pacnet.imitator.records import task_name
 
 HISTORY_S = 0.3  # [s]
 BASELINES: Mapping[str, Callable[[], NearestNeighbours | RepeatLast]] = {
@@ -150,9 +151,9 @@ def follow(imitator: Imitator, shown: Demonstration) -> Followed:
     return Followed(sent, acted, novel)
 
 
-def begin(imitator: Imitator, _task: str) -> None:
-    """Start a new recall episode of a task."""
-    imitator.reset()
+def begin(imitator: Imitator, task: str) -> None:
+    """Start a new recall episode of a task; of any, if this one was not shown."""
+    imitator.reset(task if task_name(task) in imitator.tasks else None)
 
 
 class _Compared(NamedTuple):

@@ -1,74 +1,88 @@
 """Settings of an imitator, chosen from the demonstrations it is to learn.
 
-The thresholds are those of Experiment 1. They suit other percepts because `noise_scaling` gives all
-percepts about the same spread. Numbers of samples there are times here.
+Nothing in them depends on how often a second frames were recorded: numbers of frames are times, and
+the scale is that of what was shown.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import torch
 from torch import Tensor
 
 from pacnet.attention.config import SOFMConfig
-from pacnet.competition.belief import RecognitionConfig
-from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.core.validation import is_integer
-from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.datasets.demonstrations import Demonstrations, dimension_names
 from pacnet.forward_models.config import MLPForwardModelConfig
+from pacnet.forward_models.correction import find_position_targets
 from pacnet.forward_models.kmeans import kmeans
 from pacnet.imitator.config import ImitatorConfig
-from pacnet.imitator.scaling import noise_scaling
-from pacnet.network.config import PACNetConfig
+from pacnet.imitator.scaling import choose_scaling
 
-NOVELTY_THRESHOLD = 0.55  # activation
-MIN_RADIUS = 2.0  # of a node, in lengths of the noise of a percept
+NOVELTY_THRESHOLD = 0.55  # activation under which the map grows
 WINNER_TAU = 0.1  # [s] a winner is fully habituated after three times as long
-LOOKAHEAD = 0.5  # [s] after a schema, from which its continuation is learned
-SAME_SCHEMA, NOVEL = 3.0, 3.0  # distances in lengths of the noise of a percept
-MIN_SAME_SCHEMA, MIN_NOVEL = 0.15, 0.21  # lower bounds in scaled units, for percepts without noise
 MAX_CANDIDATES = 32  # actions that a forward model chooses from
 MIN_SPREAD = 0.1  # of the candidates' outcomes, in shares of the mean change; below it abstains
 
 
 def choose_settings(
-    demonstrations: Demonstrations, targets: Literal["action", "state"], lead: int
+    demonstrations: Demonstrations,
+    targets: Literal["action", "state"],
+    lead: int,
+    budget: int | None,
 ) -> ImitatorConfig:
     """Return settings for these demonstrations; see `Imitator.from_demonstrations`."""
     _check_features(demonstrations)
     demonstrations = demonstrations.continuous()
-    percepts, action = demonstrations.percept_features, demonstrations.action_names
-    state = demonstrations.state_features
+    percepts, fps = demonstrations.percept_features, demonstrations.fps
     if targets == "state":
         _check_targets(demonstrations, lead)
-    scaling = noise_scaling([shown.percepts for shown in demonstrations])
-    fps, dimensions = demonstrations.fps, len(scaling.scale)
-    attention = SOFMConfig.paper(
-        dimensions,
-        scale=scaling.scale,
-        novelty_threshold=min(NOVELTY_THRESHOLD, math.exp(-MIN_RADIUS * scaling.noise)),
-        winner_tau=max(1.0, WINNER_TAU * fps),
-    )
-    novel = max(MIN_NOVEL, NOVEL * scaling.noise)
-    schemas = CompetingSchemasConfig(
-        len(action) if targets == "action" else sum(len(percepts[name]) for name in state),
-        dimensions,
-        same_schema_similarity=math.exp(-max(MIN_SAME_SCHEMA, SAME_SCHEMA * scaling.noise)),
-        lookahead_samples=max(1, round(LOOKAHEAD * fps)),
-        recognition=RecognitionConfig(novel_above=1 - math.exp(-novel)),
-    )
+    shown = [one.percepts for one in demonstrations]
+    scaling = choose_scaling(shown, percepts, fps)
+    follows, after = _follows(demonstrations, targets, lead)
     return ImitatorConfig(
         percepts=percepts,
-        action=action,
+        action=demonstrations.action_names,
         fps=fps,
         targets=targets,
         lead=lead,
-        network=PACNetConfig(attention, schemas),
+        scaling=scaling,
+        attention=_attention(shown, scaling.scale, fps),
+        follows=follows,
+        follows_after=after,
+        budget=budget,
         forward_model=_forward_model(demonstrations, lead) if targets == "state" else None,
-        state=state,
+        state=demonstrations.state_features,
         action_features=demonstrations.action_features,
+    )
+
+
+def _attention(shown: list[Tensor], scale: tuple[float, ...], fps: float) -> SOFMConfig:
+    """Return settings of the map, whose percepts are a quadratic mean of 1 from their mean."""
+    factors = torch.tensor(scale, dtype=torch.float64)
+    spread = (torch.cat(shown).double() * factors).std(dim=0, correction=0)
+    factors /= torch.linalg.vector_norm(spread)
+    return SOFMConfig.paper(
+        len(scale),
+        scale=tuple(factors.tolist()),
+        novelty_threshold=NOVELTY_THRESHOLD,
+        winner_tau=max(1.0, WINNER_TAU * fps),
+    )
+
+
+def _follows(
+    demonstrations: Demonstrations, targets: Literal["action", "state"], lead: int
+) -> tuple[tuple[int, ...], int]:
+    """Return which targets are places of the state, and by how many frames they lie ahead."""
+    features = demonstrations.percept_features
+    names = dimension_names({name: features[name] for name in demonstrations.state_features})
+    if targets == "state":
+        return tuple(range(len(names))), lead
+    states = [one.state for one in demonstrations]
+    actions = [one.action for one in demonstrations]
+    return find_position_targets(
+        states, actions, names, demonstrations.action_names, demonstrations.fps
     )
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
+from pacnet.attention.config import SOFMConfig
 from pacnet.core.old_names import with_new_names
 from pacnet.core.validation import check_fields, is_integer, is_number
 from pacnet.datasets.demonstrations import ACTION, dimension_names
 from pacnet.forward_models.config import MLPForwardModelConfig
-from pacnet.network.config import PACNetConfig
+from pacnet.imitator.scaling import Scaling
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,15 @@ class ImitatorConfig:
         targets: what motor schemas store: the demonstrated `action`, or the `state` `lead` frames
             later, to which a forward model finds the action.
         lead: frames that a `state` lies ahead, ≥ 1.
-        network: of the map and the schemas; the map's scale normalizes percepts.
+        scaling: of percepts.
+        attention: of the map; its scale is that of percepts, up to a common factor.
+        follows: for each dimension of a target the dimension of the state that it is a place of,
+            −1 for none; see `pacnet.forward_models.correction`.
+        follows_after: frames by which such targets lie ahead of the state, ≥ 0.
+        budget: number of targets that are kept, at most; None for all.
         forward_model: None if targets are actions.
         state: the features that are the robot's state, with which a percept begins; () for none,
-            None for the first feature, as in older checkpoints.
+            None for the first feature.
         action_features: the features that are the action, in its order.
     """
 
@@ -37,7 +43,11 @@ class ImitatorConfig:
     fps: float
     targets: Literal["action", "state"]
     lead: int
-    network: PACNetConfig
+    scaling: Scaling
+    attention: SOFMConfig
+    follows: tuple[int, ...]
+    follows_after: int
+    budget: int | None = None
     forward_model: MLPForwardModelConfig | None = None
     state: tuple[str, ...] | None = None
     action_features: tuple[str, ...] = (ACTION,)
@@ -46,34 +56,37 @@ class ImitatorConfig:
         """Turn the lists that JSON reads into tuples, and check the fields."""
         percepts = {feature: tuple(names) for feature, names in self.percepts.items()}
         object.__setattr__(self, "percepts", percepts)
-        object.__setattr__(self, "action", tuple(self.action))
-        object.__setattr__(self, "action_features", tuple(self.action_features))
+        for name in ("action", "follows", "action_features"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.state is not None:
             object.__setattr__(self, "state", tuple(self.state))
-        needs_model = self.targets == "state"
-        dimensions = self.network.attention.dimensions
+        dimensions, width = self.attention.dimensions, len(self.scaling.scale)
         first = tuple(percepts)[: len(self.state_features)]
+        same = len(self.percept_names) == dimensions == width
         checks = {
-            "percepts": (len(self.percept_names) == dimensions, f"of {dimensions} dimensions"),
+            "percepts": (same, f"of {dimensions} dimensions (attention), {width} (scaling)"),
             "state": (self.state_features == first, f"as the first of {', '.join(percepts)}"),
             "action_features": (all(map(_is_name, self.action_features)), "as names"),
-        }
-        check_fields(self, checks)
-        length = self.state_dimensions if needs_model else len(self.action)
-        checks = {
             "fps": (is_number(self.fps) and self.fps > 0, "> 0"),
             "targets": (self.targets in ("action", "state"), '"action" or "state"'),
             "lead": (is_integer(self.lead, 1), "≥ 1"),
+            "follows_after": (is_integer(self.follows_after, 0), "≥ 0"),
+            "budget": (self.budget is None or is_integer(self.budget, 1), "≥ 1, or None"),
             "forward_model": (
-                needs_model == (self.forward_model is not None),
+                (self.targets == "state") == (self.forward_model is not None),
                 "where targets are states, and only there",
-            ),
-            "network": (
-                self.network.schemas.target_dimensions == length,
-                f"with {length} target dimensions",
             ),
         }
         check_fields(self, checks)
+        count, most = self.target_dimensions, self.state_dimensions
+        fits = len(self.follows) == count and all(is_integer(i, -1) for i in self.follows)
+        wanted = f"as {count} dimensions of {most}, or −1"
+        check_fields(self, {"follows": (fits and max(self.follows, default=-1) < most, wanted)})
+
+    @property
+    def target_dimensions(self) -> int:
+        """Length A of a target."""
+        return self.state_dimensions if self.targets == "state" else len(self.action)
 
     @property
     def state_features(self) -> tuple[str, ...]:
@@ -103,11 +116,14 @@ class ImitatorConfig:
             ValueError: a field is missing, unknown or out of range.
         """
         try:
-            network = PACNetConfig.from_dict(fields["network"])
-            model = fields["forward_model"]
+            model, parts = fields["forward_model"], {}
             if model is not None:
-                model = MLPForwardModelConfig(**with_new_names(MLPForwardModelConfig, model))
-            return cls(**{**fields, "network": network, "forward_model": model})
+                parts["forward_model"] = MLPForwardModelConfig(
+                    **with_new_names(MLPForwardModelConfig, model)
+                )
+            parts["scaling"] = Scaling(**fields["scaling"])
+            parts["attention"] = SOFMConfig(**fields["attention"])
+            return cls(**{**fields, **parts})
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(f"expected the fields of ImitatorConfig, got {error!r}") from error
 

@@ -1,6 +1,7 @@
-"""`PACNet` for a LeRobot dataset: automatic settings, named dimensions, novelty.
+"""Imitation of what a LeRobot dataset shows: automatic settings, named dimensions, novelty.
 
-The network is that of Maistros, Marom & Hayes (2001).
+The parts are those of Maistros, Marom & Hayes (2001): attention, motor schemas, competition and a
+forward model. One rule decides whether it acts: it does unless the percept is novel.
 """
 
 from __future__ import annotations
@@ -15,19 +16,20 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pacnet.core.drafts import adopt, draft_of
+from pacnet.competition.following import State
+from pacnet.core.drafts import short_switch_interval
 from pacnet.core.growable_rows import check_storage
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import warn_renamed
-from pacnet.core.validation import check_row
+from pacnet.core.validation import MAX_VALUE, check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
-from pacnet.imitator.records import EpisodeReport, ImitatorStep
-from pacnet.imitator.state import ImitatorSnapshot, ImitatorState
+from pacnet.imitator.learning import Draft
+from pacnet.imitator.records import EpisodeReport, Followed, ImitatorStep, task_name
+from pacnet.imitator.state import ImitatorState, Known
 from pacnet.kernels.engine import Engine
-from pacnet.schemas.sequences import compact
 from pacnet.schemas.targets import targets_ahead
 
 
@@ -37,21 +39,21 @@ def full_precision() -> AbstractContextManager[object]:
 
 
 class Imitator(ImitatorState):
-    """Learns from demonstrations, one after the other, and acts on percepts like theirs.
+    """Learns from demonstrations, one after the other, and does what they show.
 
-    `from_demonstrations` makes one. Percepts unlike the training data are flagged as novel and get
-    no action.
+    `from_demonstrations` makes one. It follows the demonstrations that fit best, from wherever it
+    is; near them it is led back. Percepts unlike the training data are flagged as novel and get no
+    action.
 
     One thread may `step` while another learns: it acts on the state before a demonstration, or on
     the state after it.
 
     Args:
         config: see `ImitatorConfig`.
-        engine: as of `PACNet`.
+        engine: as of `HabituatingSOFM`.
 
     Attributes:
-        reports: of each demonstration learned, or of each part of it between gaps; the network's
-            episode number k is `reports[k]`.
+        reports: of each demonstration learned, or of each part of it between gaps.
 
     Example:
         >>> phase = torch.linspace(0, 1.5, 200)[:, None]
@@ -59,12 +61,14 @@ class Imitator(ImitatorState):
         >>> names = {"observation.state": ("elbow",), "action": ("motor",)}
         >>> demonstrations = Demonstrations(50, names, (shown,), "waving")
         >>> imitator = Imitator.from_demonstrations(demonstrations)
-        >>> [report.new_nodes for report in imitator.learn(demonstrations)]
-        [5]
+        >>> [report.frames for report in imitator.learn(demonstrations)]
+        [200]
+        >>> imitator.reset(task="wave")
         >>> imitator.step(np.float32([0.5])).action.round(1)
         array([0.9], dtype=float32)
-        >>> imitator.step(np.float32([3.0])).action is None
-        True
+        >>> imitator.reset()
+        >>> [imitator.step(np.float32([9.0])).action is None for _ in range(3)]
+        [True, True, True]
     """
 
     @classmethod
@@ -74,6 +78,8 @@ class Imitator(ImitatorState):
         targets: Literal["action", "state"] = "action",
         lead: int = 1,
         engine: Engine = "auto",
+        *,
+        budget: int | None = None,
     ) -> Imitator:
         """Return an untrained imitator with settings chosen from these demonstrations.
 
@@ -81,13 +87,14 @@ class Imitator(ImitatorState):
             demonstrations: from which the scale of percepts and the rate are taken.
             targets: what the schemas store; see `ImitatorConfig`.
             lead: frames that a target lies ahead, where it is a state.
-            engine: as of `PACNet`.
+            engine: as of `HabituatingSOFM`.
+            budget: most targets that are kept, chosen by novelty and habituation; None for all.
 
         Raises:
             ValueError: no demonstrations, percepts that never change, or actions that never do
                 where a forward model has to choose among them.
         """
-        return cls(choose_settings(demonstrations, targets, lead), engine)
+        return cls(choose_settings(demonstrations, targets, lead, budget), engine)
 
     @classmethod
     def untaught(cls, *args: Any, **kwargs: Any) -> Imitator:
@@ -105,13 +112,12 @@ class Imitator(ImitatorState):
     ) -> list[EpisodeReport]:
         """Learn each demonstration, in order, in addition to what is known.
 
-        Nothing is learned across gaps: the parts between them count as demonstrations each.
-        The map learns a demonstration first, so that its nodes are habituated when the targets are
-        stored. The scale of percepts never changes. The forward model is fitted to the first
-        demonstrations only: it depends on the robot, not on the task. In eval mode nothing is
-        learned. Ctrl-C takes effect after the current demonstration; after an error what was known
-        before that demonstration is intact. The mean first action is of demonstrations that begin
-        with their episode, where there are any.
+        Nothing is learned across gaps: the parts between them count as demonstrations each. All
+        frames are kept unless there is a budget. The scale of percepts never changes. The forward
+        model is fitted to the first demonstrations only: it depends on the robot, not on the task.
+        In eval mode nothing is learned. Ctrl-C takes effect after the current demonstration; after
+        an error what was known before that demonstration is intact. The mean first action is of
+        demonstrations that begin with their episode, where there are any.
 
         Args:
             demonstrations: of the same features and rate as all before.
@@ -127,11 +133,10 @@ class Imitator(ImitatorState):
                 too large, of another type or width, or of unequal lengths; a task that is not a
                 str; or too few frames to fit a forward model to. No demonstration was learned then.
         """
-        self._check_reports()
         first, actions = check_storage("first_action", self.first_action), len(self.config.action)
         if first.shape != (actions,):
             raise ValueError(f"expected a first action [{actions}], got {list(first.shape)}")
-        check_demonstrations(demonstrations, self.config, self.network.sofm)
+        check_demonstrations(demonstrations, self.config, self.sofm)
         if not self.training:
             return []
         demonstrations = demonstrations.continuous()
@@ -155,38 +160,76 @@ class Imitator(ImitatorState):
         Raises:
             ValueError: wrong shape or dtype, or not finite; nothing has changed.
         """
+        from pacnet.competition.following_kernels import follow  # imports numba
+
         percept, known = check_row("percept", percept, len(self.percept_names)), self._latest()
-        state = percept[: self.config.state_dimensions] if self.forward_model is not None else None
-        decision = self.network.step_on(known.network, percept, state)
-        score = known.detector.score(percept * known.scale, known.cues)
-        # NaN, which cannot be compared, counts as novel.
-        is_novel, unit = not score.novelty <= 1, float(known.scale[score.dimension])
-        if unit == 0:
-            raise ValueError(f"expected a scale without zeros, got {known.scale.tolist()}")
-        wanted = decision.target if self.forward_model is None else decision.action
+        scaled = percept * self._scale
+        if not np.abs(scaled).max() <= MAX_VALUE:  # NaN is not
+            raise ValueError(
+                f"expected a finite percept within ±{MAX_VALUE:g}, scaled, got {percept.tolist()}"
+            )
+        shown, state = known.shown, self.follower.state
+        wanted = np.empty(self.config.target_dimensions)
+        follow(scaled, shown, known.allowed, state, known.settings, known.correction, wanted)
+        nearest, heaviest = state.nearest.item(), state.heaviest.item()
+        score = known.detector.score(scaled, None if nearest < 0 else shown.percepts[nearest])
+        is_novel = not score.novelty <= 1  # NaN, which cannot be compared, counts as novel
+        target = None if heaviest < 0 else wanted.astype(np.float32)
+        action = None if is_novel or target is None else self._action(percept, target)
+        unit = known.correction.unit[score.dimension].item()
         return ImitatorStep(
-            None if is_novel else wanted,
+            action,
             is_novel,
             score.novelty,
             self.percept_names[score.dimension],
-            score.deviation / unit,
-            score.threshold / unit,
-            decision,
+            score.deviation * unit,
+            score.threshold * unit,
+            state.progress.item(),
+            heaviest >= 0 and _is_at_end(known, state, heaviest),
+            _followed(known, state),
+            target,
         )
+
+    def _action(
+        self, percept: NDArray[np.float32], target: NDArray[np.float32]
+    ) -> NDArray[np.float32] | None:
+        model = self.forward_model
+        if model is None:
+            return target
+        return model.command_one(percept[: self.config.state_dimensions], target)
 
     def warm_up(self) -> None:
         """Trigger JIT compilation, which takes seconds, then start a new recall episode."""
+        task = self._task
         with torch.inference_mode(False):
-            known = self._latest()
-            percept = known.cues[0] if len(known.cues) else np.zeros_like(known.scale)
-            for _ in range(2):  # the belief is updated from the second step on
-                self.step(percept / known.scale)
-        self.reset()
+            shown = self._latest().shown
+            percept = shown.percepts[0] if len(shown.percepts) else np.zeros_like(self._scale)
+            for _ in range(2):  # the second is compared with the first
+                self.step(percept / self._scale)
+        self.reset(task)
 
-    def reset(self) -> None:
-        """Start a new recall episode; what was learned stays."""
-        self.network.reset()
-        self.novelty_detector.reset()
+    def reset(self, task: str | None = None) -> None:
+        """Start a new recall episode; what was learned stays.
+
+        Args:
+            task: what is to be done, in the words of the demonstrations; only what was shown for it
+                is followed then. None for whatever fits.
+
+        Raises:
+            ValueError: an unknown task; nothing has changed.
+        """
+        if task is not None:
+            known = self.tasks
+            if not isinstance(task, str) or task_name(task) not in known:
+                listed = ", ".join(map(repr, known)) or "none"
+                raise ValueError(f"expected a task that was shown: {listed}, got {task!r}")
+            task = task_name(task)
+        with self.state_lock:
+            self._task, known = task, self._known
+            if known is not None:
+                self._known = known._replace(allowed=self._allowed(known.shown))
+            self.follower.reset()
+            self.novelty_detector.reset()
 
     def _fit(self, model: MLPForwardModel, episodes: Sequence[Demonstration]) -> None:
         """Fit the forward model to all steps from one frame to the next."""
@@ -207,26 +250,26 @@ class Imitator(ImitatorState):
         return mean + (shown.action[0] - mean) / (before + 1)
 
     def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> EpisodeReport:
-        """Learn on drafts, which then replace the network and the detector, all at once."""
-        with self.network.learning() as draft:  # no other thread learns until the end
-            number, first_action = len(self.reports), self.first_action
+        """Learn on a draft, which then replaces the state, all at once."""
+        with self.learning_lock, short_switch_interval(), torch.inference_mode(False):
+            number, config = len(self.reports), self.config
             correction = correction and number > 0  # the first has nothing to correct
-            detector = draft_of(self.novelty_detector)
-            percepts = draft.sofm.normalize(shown.percepts)
-            compact(draft.schemas)  # rows that belong to no schema must not count as cues
-            cues = draft.schemas.arrays("cue") if number > 0 else None
-            novelty = detector.learn(percepts.numpy(), cues, correction=correction)
-            has_actions, lead = self.config.targets == "action", self.config.lead
-            targets = shown.action if has_actions else targets_ahead(shown.state, lead)
-            observed = draft.update(percepts)  # first the map alone, so that its nodes habituate
-            draft.update(percepts, targets, number, shown.task)
-            if not correction:
-                first_action = self._mean_first_action(shown)
+            with self.state_lock:
+                draft = Draft(self.sofm, self.memory, self.correction, self.novelty_detector)
+            has_actions = config.targets == "action"
+            targets = shown.action if has_actions else targets_ahead(shown.state, config.lead)
+            task = tuple(dict.fromkeys((*self.tasks, task_name(shown.task)))).index(
+                task_name(shown.task)
+            )
+            observed, novelty = draft.learn(
+                shown.percepts, targets.numpy(), task, correction, config
+            )
+            first_action = self.first_action if correction else self._mean_first_action(shown)
             report = EpisodeReport(
                 dataset,
                 index(shown.episode),
                 shown.task,
-                len(percepts),
+                len(shown.state),
                 new_nodes=int(observed.inserted.sum()),
                 nodes=len(draft.sofm),
                 novel_share=float(observed.novelty.float().mean()),
@@ -234,15 +277,27 @@ class Imitator(ImitatorState):
                 correction=correction,
                 first_frame=index(shown.first_frame),
             )
-            with self.network.state_lock:
-                self.network.adopt(draft)
-                adopt(self.novelty_detector, detector)
+            with self.state_lock:
+                draft.replace(self.sofm, self.memory, self.correction, self.novelty_detector)
                 self._buffers["first_action"] = first_action
-                snapshot = self.network._snapshot
-                self._snapshot = (
-                    None
-                    if snapshot is None
-                    else ImitatorSnapshot.take(snapshot, self.novelty_detector)
-                )
                 self.reports.append(report)
+                if draft.renumbered:
+                    self._begin_again()
+                elif self._known is not None:
+                    self._known = self._take()
         return report
+
+
+def _is_at_end(known: Known, state: State, slot: int) -> bool:
+    """Return whether a followed demonstration is at its last frame."""
+    number, shown = state.demonstration[slot], known.shown
+    return bool(shown.time[state.row[slot]] == shown.frames[number] - 1)
+
+
+def _followed(known: Known, state: State) -> tuple[Followed, ...]:
+    """Return the demonstrations that decide, the largest weight first."""
+    slots = state.weight.nonzero()[0]
+    frames = known.shown.time[state.row[slots]].tolist()
+    numbers, weights = state.demonstration[slots].tolist(), state.weight[slots].tolist()
+    followed = map(Followed, numbers, frames, weights)
+    return tuple(sorted(followed, key=lambda one: -one.weight))

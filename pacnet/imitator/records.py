@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pacnet.core.old_names import old_names
 from pacnet.core.validation import check_index
-from pacnet.network.records import Decision
 
 
 @old_names(unfamiliar="max_novelty")
@@ -38,6 +37,17 @@ class EpisodeReport(NamedTuple):
     """The frame of its episode with which it begins."""
 
 
+class Followed(NamedTuple):
+    """One of the demonstrations that decide what an imitator does."""
+
+    demonstration: int
+    """Index of its report in `Imitator.reports`."""
+    frame: int
+    """The moment in it that is now, counted from its own first frame."""
+    weight: float
+    """Its share in the action; those of all sum to 1."""
+
+
 @old_names(tolerated="threshold")
 class ImitatorStep(NamedTuple):
     """What the imitator does at one percept of a control loop."""
@@ -55,8 +65,19 @@ class ImitatorStep(NamedTuple):
     """Signed difference from the nearest percept learned, in that dimension and its own unit."""
     threshold: float
     """Deviation above which percepts are novel, in the same dimension and unit."""
-    decision: Decision
-    """What the network recalled, and which node won."""
+    progress: float
+    """Share of what is followed that is over, from 0 to 1."""
+    is_done: bool
+    """Whether the demonstration with the largest weight is at its end."""
+    followed: tuple[Followed, ...]
+    """The demonstrations that decide; none before anything was learned."""
+    target: NDArray[np.float32] | None
+    """What is aimed at, `[A]`: the action itself, or a state; None with nothing to follow."""
+
+
+def task_name(task: str) -> str:
+    """Return a task's text without what nobody sees: blanks around it, and several in a row."""
+    return " ".join(task.split())
 
 
 def read_reports(rows: Any) -> list[EpisodeReport]:
@@ -65,14 +86,12 @@ def read_reports(rows: Any) -> list[EpisodeReport]:
     Raises:
         ValueError: not a list of reports.
     """
-    new_names = {"unfamiliar": "max_novelty"}
     try:
-        reports = [
-            EpisodeReport(**{str(new_names.get(name, name)): row[name] for name in row})
-            for row in rows
-        ]
+        reports = [EpisodeReport(**row) for row in rows]
     except (AttributeError, TypeError) as error:
         raise ValueError(f"expected the episode reports of an Imitator, got: {error}") from error
     for report in reports:
         check_index("first_frame in a report", report.first_frame, 2**63)
+        if not isinstance(report.task, str):
+            raise ValueError(f"expected a task as a str in a report, got {report.task!r}")
     return reports

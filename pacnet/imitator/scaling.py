@@ -1,62 +1,130 @@
-"""The scale of percepts: each dimension is divided by its own noise.
+"""The scale of percepts: each dimension is divided by its spread in what was shown.
 
-Distances sum over the dimensions, so these must be comparable. Dividing by the standard deviation
-would amplify dimensions that are mostly noise, such as the velocity of a joint at rest.
+Distances sum over the dimensions, so these must be comparable. A dimension that is constant, or
+that only settles at the beginning, has a tiny spread of its own: it is no finer than a share of the
+spread of the dimensions that are like it.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import NamedTuple
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-import torch
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
-_MIN_NOISE = 1 / 50  # of a dimension, in shares of its standard deviation
-_MEDIAN_OF_NORMAL = 0.6745  # median of |x| of a standard normal
-_STD_OF_SECOND_DIFFERENCES = math.sqrt(6.0)  # x[t + 1] − 2 x[t] + x[t − 1] of white noise of 1
+from pacnet.core.validation import check_fields, is_number
+from pacnet.schemas.changes import RecentPercepts
+
+_SHARE = 0.3  # of the median spread of dimensions that are alike: the least of one of them
+_MOVES = 0.1  # distance that counts as movement, in shares of the mean from frame to frame
+# What the last part of a dimension's name says about its unit.
+_UNITS = {
+    "place": ("x", "y", "z"),
+    "turn": ("roll", "pitch", "yaw", "rx", "ry", "rz", "theta"),
+    "quaternion": ("qx", "qy", "qz", "qw"),
+    "position": ("pos", "position", "angle", "q"),
+    "speed": ("vel", "velocity", "speed", "vx", "vy", "vz", "omega"),
+    "force": ("effort", "torque", "force", "current", "fx", "fy", "fz"),
+}
 
 
-class Scaling(NamedTuple):
-    """Factors that make the D dimensions of percepts comparable."""
+@dataclass(frozen=True)
+class Scaling:
+    """Factors that make the D dimensions of percepts comparable.
+
+    Attributes:
+        scale: factor on each dimension [1/unit of the dimension].
+        change_scale: the same for how a percept has changed lately; see `pacnet.schemas.changes`.
+        movement: distance of scaled percepts that counts as movement.
+    """
 
     scale: tuple[float, ...]
-    """Factor on each dimension; scaled percepts have a quadratic mean distance of 1 from their
-    mean."""
-    noise: float
-    """Length of the noise of a scaled percept."""
+    change_scale: tuple[float, ...]
+    movement: float
+
+    def __post_init__(self) -> None:
+        """Turn the lists that JSON reads into tuples, and check the fields."""
+        for name in ("scale", "change_scale"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        factors = all(map(is_number, (*self.scale, *self.change_scale)))
+        alike = len(self.scale) == len(self.change_scale) > 0
+        checks = {
+            "scale": (factors and alike and min(self.scale) > 0, "as positive finite factors"),
+            "change_scale": (factors and alike and min(self.change_scale) >= 0, "as factors ≥ 0"),
+            "movement": (is_number(self.movement) and self.movement >= 0, "≥ 0"),
+        }
+        check_fields(self, checks)
+
+    @property
+    def array(self) -> NDArray[np.float32]:
+        """The factor on each dimension, `[D]`."""
+        return np.array(self.scale, np.float32)
+
+    @property
+    def change_ratio(self) -> NDArray[np.float64]:
+        """The factor on each dimension of how a scaled percept has changed, `[D]`."""
+        return np.array(self.change_scale) / np.array(self.scale)
+
+    def recent(self, fps: float) -> RecentPercepts:
+        """Return the percepts of an episode that has not begun."""
+        return RecentPercepts(len(self.scale), fps, self.movement)
 
 
-def noise_scaling(episodes: Sequence[Tensor]) -> Scaling:
-    """Return a scale from the noise of each dimension and its spread over all frames.
-
-    The noise is the median of second differences, which neither steady movement nor rare jumps
-    affect, and at least a fiftieth of the dimension's spread. A dimension that never changes gets
-    the median factor of the others.
+def choose_scaling(
+    episodes: Sequence[Tensor], features: Mapping[str, tuple[str, ...]], fps: float
+) -> Scaling:
+    """Return a scale from the spread of each dimension over all frames.
 
     Args:
         episodes: percepts of each, `[T ≥ 1, D]`, in order of time.
+        features: feature -> names of its dimensions, D in all; dimensions of a feature are alike if
+            their names end in the same unit.
+        fps: frames per second [1/s].
 
     Raises:
         ValueError: no episode, or no dimension that changes.
     """
     if not episodes:
         raise ValueError("expected at least one episode to choose the scale from, got none")
-    spread = torch.cat([episode.double() for episode in episodes]).std(dim=0, correction=0)
-    moves = spread > 0
-    if not bool(moves.any()):
+    percepts = [episode.numpy() for episode in episodes]
+    spread = np.concatenate(percepts).std(axis=0, dtype=np.float64)
+    if not spread.any():
         raise ValueError("expected percepts that change, got the same one in every frame")
-    noise = torch.maximum(_noise(episodes), _MIN_NOISE * spread)
-    factor = 1 / noise.masked_fill(~moves, 1.0)
-    factor[~moves] = factor[moves].median()
-    factor /= torch.linalg.vector_norm((factor * spread)[moves])
-    return Scaling(tuple(factor.tolist()), float(torch.linalg.vector_norm((factor * noise)[moves])))
+    scale = 1 / np.maximum(spread, _least_spread(spread, kinds_of(features)))
+    scaled = [(part * scale).astype(np.float32) for part in percepts]
+    steps = [np.linalg.norm(np.diff(part, axis=0), axis=1) for part in scaled]
+    moved = np.concatenate(steps)
+    movement = float(_MOVES * moved.mean(dtype=np.float64)) if len(moved) else 0.0
+    recent = RecentPercepts(len(scale), fps, movement)
+    changes = []
+    for part in scaled:
+        recent.reset()
+        changes.append(recent.changes(part))
+    usual = np.concatenate(changes).std(axis=0, dtype=np.float64)
+    usual = np.maximum(usual, _SHARE * np.median(usual[usual > 0])) if usual.any() else usual + 1
+    return Scaling(tuple(scale.tolist()), tuple((scale / usual).tolist()), movement)
 
 
-def _noise(episodes: Sequence[Tensor]) -> Tensor:
-    """Return the standard deviation of the noise, float64 `[D]`; 0 if episodes are too short."""
-    differences = torch.cat([episode.double().diff(n=2, dim=0) for episode in episodes])
-    if len(differences) == 0:
-        return episodes[0].new_zeros(episodes[0].shape[1], dtype=torch.float64)
-    return differences.abs().median(dim=0).values / (_MEDIAN_OF_NORMAL * _STD_OF_SECOND_DIFFERENCES)
+def kinds_of(features: Mapping[str, tuple[str, ...]]) -> list[tuple[str, str]]:
+    """Return for each dimension what it is alike in: its feature, and its unit by name."""
+    units = {ending: unit for unit, endings in _UNITS.items() for ending in endings}
+    return [
+        (feature, units.get(re.split(r"[._\s-]", name.lower())[-1], ""))
+        for feature, names in features.items()
+        for name in names
+    ]
+
+
+def _least_spread(
+    spread: NDArray[np.float64], kinds: Sequence[tuple[str, str]]
+) -> NDArray[np.float64]:
+    """Return the least spread of each dimension, a share of that of those that are alike."""
+    least = np.full(len(spread), _SHARE * np.median(spread[spread > 0]))
+    for kind in set(kinds):
+        alike = np.array([other == kind for other in kinds])
+        if spread[alike].any():
+            least[alike] = _SHARE * np.median(spread[alike][spread[alike] > 0])
+    return least

@@ -12,10 +12,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.competition.competing_schemas import CompetingSchemas
+from pacnet.attention.sofm import HabituatingSOFM
+from pacnet.competition.following import Follower, Settings
 from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
-from pacnet.core.drafts import snapshot_of
-from pacnet.core.growable_rows import as_array, copy_on_state_dict
+from pacnet.core.drafts import BufferVersions, Lock, snapshot_of
+from pacnet.core.growable_rows import copy_on_state_dict
 from pacnet.core.integrity import (
     check_conditions,
     check_model,
@@ -23,42 +24,28 @@ from pacnet.core.integrity import (
     check_structure,
     part_of,
 )
-from pacnet.core.old_names import old_names, rename_on_load
+from pacnet.core.old_names import old_names
+from pacnet.forward_models.correction import Correction, LinearCorrection
 from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.novelty import NoveltyDetector
-from pacnet.imitator.records import EpisodeReport, read_reports
+from pacnet.imitator.records import EpisodeReport, read_reports, task_name
 from pacnet.kernels.engine import Engine
-from pacnet.network.checks import FORWARD_MODEL, check_dimensions
-from pacnet.network.network import PACNet
-from pacnet.network.snapshot import Snapshot
-from pacnet.schemas.sequences import OLD_TENSORS
+from pacnet.schemas.demonstration_memory import DemonstrationMemory, Shown
 
-_MODEL = "network." + FORWARD_MODEL
-_OLD_TENSORS = OLD_TENSORS | {"familiarity": "novelty_detector", "usual": "typical_deviation"}
+_MODEL = "forward_model"
 
 
-class ImitatorSnapshot(NamedTuple):
+class Known(NamedTuple):
     """What `Imitator.step` works on while another thread may learn."""
 
-    network: Snapshot
+    shown: Shown
+    correction: Correction
+    settings: Settings
     detector: NoveltyDetector
-    cues: NDArray[np.float32]  # [R, D], all percepts that targets are stored with, scaled
-    scale: NDArray[np.float32]  # [D], of percepts
-
-    @classmethod
-    def take(cls, network: Snapshot, detector: NoveltyDetector) -> ImitatorSnapshot:
-        """Return a snapshot of a network and a detector; no thread may be changing them."""
-        schemas = network.schemas
-        assert isinstance(schemas, CompetingSchemas)  # of every imitator
-        recall = schemas.recall_in_progress
-        cues = schemas.arrays("cue") if recall is None else recall.cues
-        return cls(network, snapshot_of(detector), cues, as_array(network.sofm.scale))
-
-    def is_of(self, network: Snapshot, detector: NoveltyDetector) -> bool:
-        """Return whether these have not changed since."""
-        typical = detector.typical_deviation
-        return self.network is network and self.detector.typical_deviation is typical
+    allowed: NDArray[np.bool_]
+    """Which demonstrations are of the task that was asked for, `[E]`."""
+    versions: BufferVersions
 
 
 @old_names(lessons="reports", familiarity="novelty_detector")
@@ -67,7 +54,7 @@ class ImitatorState(nn.Module):
 
     Args:
         config: see `ImitatorConfig`.
-        engine: as of `PACNet`.
+        engine: as of `HabituatingSOFM`.
     """
 
     first_action: Tensor  # [U], mean over the demonstrations, see `Imitator.learn`
@@ -75,14 +62,20 @@ class ImitatorState(nn.Module):
     def __init__(self, config: ImitatorConfig, engine: Engine = "auto") -> None:
         super().__init__()
         self.config = config
+        dimensions, targets = config.attention.dimensions, config.target_dimensions
+        self.sofm = HabituatingSOFM(config.attention, engine)
+        self.memory = DemonstrationMemory(dimensions, targets)
+        self.correction = LinearCorrection(dimensions, targets)
+        self.novelty_detector = NoveltyDetector(dimensions, config.fps)
         model = None if config.forward_model is None else MLPForwardModel(config.forward_model)
-        self.network = PACNet(config.network, model, engine)
-        self.novelty_detector = NoveltyDetector(config.network.attention.dimensions)
+        self.forward_model: MLPForwardModel | None = model
         self.reports: list[EpisodeReport] = []
         self.register_buffer("first_action", torch.zeros(len(config.action)))
-        self._snapshot: ImitatorSnapshot | None = None
+        # One thread learns at a time. The state itself is locked only while it is replaced or read.
+        self.learning_lock, self.state_lock = Lock(), Lock()
+        self._task: str | None = None  # that was asked for
+        self._begin_again()
         copy_on_state_dict(self)
-        rename_on_load(self, _OLD_TENSORS)
         check_on_load(self)
 
     def extra_repr(self) -> str:
@@ -97,31 +90,56 @@ class ImitatorState(nn.Module):
         return self.config.percept_names
 
     @property
-    def schemas(self) -> CompetingSchemas:
-        """The network's motor schemas."""
-        schemas = self.network.schemas
-        assert isinstance(schemas, CompetingSchemas)
-        return schemas
+    def tasks(self) -> tuple[str, ...]:
+        """What was shown, in words, in order of first use."""
+        return tuple(dict.fromkeys(task_name(report.task) for report in self.reports))
 
-    @property
-    def forward_model(self) -> MLPForwardModel | None:
-        """The model that finds the action leading to a state; None where targets are actions."""
-        model = self.network.forward_model
-        assert model is None or isinstance(model, MLPForwardModel)
-        return model
+    def _begin_again(self) -> None:
+        """Forget what was derived from the state, which has changed."""
+        config = self.config
+        recent = config.scaling.recent(config.fps)
+        self.follower = Follower(recent, config.scaling.change_ratio, config.fps)
+        self._scale = config.scaling.array
+        self._known: Known | None = None
 
-    def _latest(self) -> ImitatorSnapshot:
-        """Return a snapshot of what is known now; the same one until something is learned."""
-        network, snapshot = self.network.snapshot(), self._snapshot
-        if snapshot is None or not snapshot.is_of(network, self.novelty_detector):
-            with self.network.state_lock:
-                snapshot = ImitatorSnapshot.take(self.network.snapshot(), self.novelty_detector)
-                self._snapshot = snapshot
-        return snapshot
+    def _latest(self) -> Known:
+        """Return what is known now; the same object until something is learned."""
+        known = self._known
+        if known is None or not known.versions.unchanged():
+            with self.state_lock:
+                self._begin_again()  # rows may be others now
+                self._known = known = self._take()
+        return known
+
+    def _take(self) -> Known:
+        """Return what is known; no thread may be changing it."""
+        shown = self.memory.shown()
+        config = self.config
+        correction = Correction(
+            np.array(config.follows, np.int64),
+            1 / np.array(config.scaling.scale),
+            config.follows_after,
+            self.correction.gain(),
+        )
+        parts = self.memory, self.correction, self.novelty_detector
+        return Known(
+            shown,
+            correction,
+            self.follower.settings(shown, correction),
+            snapshot_of(self.novelty_detector),
+            self._allowed(shown),
+            BufferVersions(*parts),
+        )
+
+    def _allowed(self, shown: Shown) -> NDArray[np.bool_]:
+        """Return which demonstrations are of the task that was asked for."""
+        if self._task is None:
+            return np.ones(len(shown.frames), bool)
+        return shown.task == self.tasks.index(self._task)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the snapshot out of copies, which take their own."""
-        return {**self.__dict__, "_snapshot": None}
+        """Leave out of copies what they take anew."""
+        return {**self.__dict__, "_known": None}
 
     # Checkpoints
 
@@ -136,15 +154,11 @@ class ImitatorState(nn.Module):
         Raises:
             ValueError: tensors that contradict one another; nothing has been written.
         """
-        with self.network.state_lock:
+        with self.state_lock:
             tensors, reports = self.state_dict(), [report._asdict() for report in self.reports]
         self.check_state(tensors)
-        fields = {
-            **asdict(self.config),
-            "network": self.config.network.to_dict(),
-            "reports": reports,
-        }
-        save_checkpoint(folder, "Imitator", fields, tensors)
+        self._check_reports(tensors, len(reports))
+        save_checkpoint(folder, "Imitator", {**asdict(self.config), "reports": reports}, tensors)
 
     @classmethod
     def from_pretrained(cls, folder: str | Path, engine: Engine = "auto") -> Self:
@@ -156,17 +170,22 @@ class ImitatorState(nn.Module):
                 missing, extra or misshapen tensor.
         """
         fields, tensors = load_checkpoint(folder, "Imitator")
-        old_reports = fields.pop("lessons", None)  # their name in checkpoints of version 0.1
-        reports = read_reports(fields.pop("reports", old_reports))
+        if "network" in fields:
+            raise ValueError(
+                f"expected an Imitator that keeps whole demonstrations in '{folder}', got one of "
+                "version 0.1, which kept parts of them: learn its demonstrations again, with "
+                "`pacnet fit`"
+            )
+        reports = read_reports(fields.pop("reports", None))
         config = ImitatorConfig.from_dict(fields)
         try:
-            check_dimensions(config.network, tensors, "network.")  # before memory is allocated
             if config.forward_model is not None:
-                MLPForwardModel.check_sizes(config.forward_model, part_of(tensors, _MODEL))
+                MLPForwardModel.check_sizes(config.forward_model, part_of(tensors, _MODEL + "."))
+            _check_width(config, tensors)
             imitator = cls(config, engine)
             imitator.load_state_dict(tensors)
             imitator.reports = reports
-            imitator._check_reports()
+            imitator._check_reports(tensors, len(reports))
         except (RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())  # torch's messages have several lines
             raise ValueError(
@@ -176,15 +195,15 @@ class ImitatorState(nn.Module):
 
     def state_dict(self, *args: Any, **kwargs: Any) -> Any:
         """Return the state; where another thread learns, that of before or after it."""
-        with self.network.state_lock:
+        with self.state_lock:
             return super().state_dict(*args, **kwargs)
 
     def load_state_dict(
         self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
     ) -> Any:
         """Load a state, all or nothing, once other threads have finished learning."""
-        with self.network.learning_lock, self.network.state_lock:
-            check_model(self.forward_model, part_of(state_dict, _MODEL), strict)
+        with self.learning_lock, self.state_lock:
+            check_model(self.forward_model, part_of(state_dict, _MODEL + "."), strict)
             return super().load_state_dict(state_dict, strict, assign)
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
@@ -192,12 +211,22 @@ class ImitatorState(nn.Module):
         check_structure(self, tensors)
         check_conditions({"a finite first action": tensors["first_action"].isfinite().all()})
 
-    def _check_reports(self) -> None:
-        """Raise a ValueError unless each episode that the network learned has a report."""
-        self.schemas.episodes.check()
-        numbers = self.schemas.episodes.live("number")
-        if len(numbers) and int(numbers[-1]) >= len(self.reports):
+    def _check_reports(self, tensors: Mapping[str, Tensor], count: int) -> None:
+        """Raise a ValueError unless each demonstration that is kept has a report, and its task."""
+        task = tensors["memory.demonstrations.task"]
+        if len(task) != count:
             raise ValueError(
-                f"expected a report of each of {int(numbers[-1]) + 1} episodes learned, "
-                f"got {len(self.reports)}"
+                f"expected a report of each of {len(task)} demonstrations learned, got {count}"
             )
+        known = self.tasks
+        numbers = [known.index(task_name(report.task)) for report in self.reports[:count]]
+        if task.tolist() != numbers:
+            raise ValueError(f"expected demonstrations of the tasks {numbers}, got {task.tolist()}")
+
+
+def _check_width(config: ImitatorConfig, tensors: Mapping[str, Tensor]) -> None:
+    """Raise a ValueError unless percepts are as long as in the tensors, before memory is made."""
+    percepts, width = tensors.get("memory.rows.percept"), config.attention.dimensions
+    if percepts is None or percepts.dim() != 2 or percepts.shape[1] != width:
+        got = "none" if percepts is None else list(percepts.shape)
+        raise ValueError(f"expected memory.rows.percept of shape [rows, {width}], got {got}")

@@ -1,0 +1,121 @@
+"""What one demonstration changes: the map, the memory, the linear correction, the thresholds."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from pacnet.attention.records import Observation
+from pacnet.attention.sofm import HabituatingSOFM
+from pacnet.core.drafts import adopt, draft_of, snapshot_of
+from pacnet.forward_models.correction import LinearCorrection
+from pacnet.imitator.budget import kept_rows
+from pacnet.imitator.config import ImitatorConfig
+from pacnet.imitator.novelty import NoveltyDetector, strides
+from pacnet.schemas.demonstration_memory import DemonstrationMemory
+
+_NEIGHBOURS = 5  # frames of a single demonstration that each of its frames is compared with
+_APART = 0.04  # [s] that these lie apart
+_COMPARED = 500  # frames of a single demonstration that are compared, at most
+
+
+class Draft:
+    """The parts of an imitator while it learns a demonstration."""
+
+    def __init__(
+        self,
+        sofm: HabituatingSOFM,
+        memory: DemonstrationMemory,
+        correction: LinearCorrection,
+        detector: NoveltyDetector,
+    ) -> None:
+        self.sofm = draft_of(sofm)
+        self.memory = snapshot_of(memory)  # appending leaves what is there
+        self.correction, self.detector = draft_of(correction), draft_of(detector)
+        self.renumbered = False  # whether rows of the memory have other numbers now
+
+    def learn(
+        self,
+        percepts: Tensor,
+        targets: NDArray[np.float32],
+        task: int,
+        correction: bool,
+        config: ImitatorConfig,
+    ) -> tuple[Observation, float | None]:
+        """Learn one demonstration.
+
+        Args:
+            percepts: `[T, D]`.
+            targets: `[T, A]`.
+            task: its number.
+            correction: whether it shows what to do where percepts were novel.
+            config: of the imitator.
+
+        Returns:
+            What the map did, and the largest novelty before; None for the first demonstration.
+        """
+        observed = self.sofm.update(self.sofm.normalize(percepts)).observation
+        scaled = np.ascontiguousarray(percepts.numpy() * config.scaling.array)
+        novelty = self._relate(scaled, targets, config.fps)
+        changes = config.scaling.recent(config.fps).changes(scaled)
+        changes = (changes * config.scaling.change_ratio).astype(np.float32)
+        self.memory.append(scaled, changes, targets, task, correction)
+        if config.budget is not None and len(self.memory.rows) > config.budget:
+            self._forget(config.budget, self.sofm.scale / percepts.new_tensor(config.scaling.scale))
+        if not correction and self.detector.is_due(len(self.memory)):
+            flags = self.memory.demonstrations.live("correction").numpy() > 0
+            self.detector.calibrate(self.memory.shown(), flags)
+        return observed, novelty
+
+    def _relate(
+        self, percepts: NDArray[np.float32], targets: NDArray[np.float32], fps: float
+    ) -> float | None:
+        """Compare a demonstration with its neighbours; return its largest novelty."""
+        shown = self.memory.shown()
+        if len(shown.percepts) == 0:
+            frames, others = _pairs_within(percepts, max(1, round(_APART * fps)))
+            deviations = percepts[frames] - percepts[others]
+            self.correction.add(deviations, targets[frames] - targets[others], within=True)
+            return None
+        novelty, rows = self.detector.largest(percepts, shown)
+        stride = strides(shown)
+        deviations = percepts[::stride] - shown.percepts[rows]
+        self.correction.add(deviations, targets[::stride] - shown.targets[rows], within=False)
+        return novelty
+
+    def _forget(self, budget: int, factor: Tensor) -> None:
+        """Keep no more targets than the budget; `factor` turns scaled percepts into the map's."""
+        winners = self.sofm.read(self.memory.rows.live("percept") * factor).winner
+        self.memory.select(kept_rows(winners.numpy(), budget))
+        self.renumbered = True
+
+    def replace(
+        self,
+        sofm: HabituatingSOFM,
+        memory: DemonstrationMemory,
+        correction: LinearCorrection,
+        detector: NoveltyDetector,
+    ) -> None:
+        """Let these parts adopt what was learned."""
+        adopt(sofm, self.sofm)
+        memory.adopt(self.memory)
+        adopt(correction, self.correction)
+        adopt(detector, self.detector)
+
+
+def _pairs_within(
+    percepts: NDArray[np.float32], apart: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return frames of a demonstration, and for each a near one at another time, `[P]` both."""
+    last = len(percepts) - 1
+    frames, others = [], []
+    for frame in np.unique(np.linspace(0, last, min(_COMPARED, last + 1)).astype(np.int64)):
+        squared = np.square(percepts - percepts[frame]).sum(axis=1)
+        squared[max(0, frame - apart) : frame + apart + 1] = np.inf
+        near = np.argsort(squared)[:_NEIGHBOURS]
+        near = near[np.isfinite(squared[near])]
+        frames += [frame] * len(near)
+        others += near.tolist()
+    return np.array(frames, np.int64), np.array(others, np.int64)
+

@@ -1,0 +1,219 @@
+"""What was shown: every demonstration as one motor schema, a sequence of targets with percepts.
+
+A motor schema "recalls the current internal target" (Maistros, Marom & Hayes 2001): which one is
+current is a matter of the percept and of the position in the sequence
+(`pacnet.competition.following`). Nothing that was shown is dropped unless memory is bounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from pacnet.core.drafts import BufferVersions, adopt
+from pacnet.core.growable_rows import Column, GrowableRows
+from pacnet.core.integrity import (
+    are_bounded,
+    check_conditions,
+    check_on_load,
+    check_structure,
+    within,
+)
+
+_LEAF = 32  # frames in a box
+_INTEGER = Column((), torch.int64)
+
+
+class Shown(NamedTuple):
+    """All demonstrations, as arrays for kernels. R frames, E demonstrations, C boxes of frames.
+
+    The frames of a demonstration lie one after the other, and so do its boxes.
+    """
+
+    percepts: NDArray[np.float32]
+    """Scaled, `[R, D]`."""
+    changes: NDArray[np.float32]
+    """How the percept has changed lately, scaled, `[R, D]`; see `pacnet.schemas.changes`."""
+    targets: NDArray[np.float32]
+    """`[R, A]`."""
+    time: NDArray[np.int64]
+    """Number of each frame in its demonstration, ascending, `[R]`."""
+    first: NDArray[np.int64]
+    """The first row of each demonstration, and the end of the last one, `[E + 1]`."""
+    frames: NDArray[np.int64]
+    """Number of frames that each demonstration had when it was shown, `[E]`."""
+    pace: NDArray[np.float64]
+    """Mean distance from one frame to the next, scaled, `[E]`."""
+    task: NDArray[np.int64]
+    """Number of the task that each demonstration shows, `[E]`."""
+    box_first: NDArray[np.int64]
+    """The first row in each box, and the end of the last one, `[C + 1]`."""
+    box_of: NDArray[np.int64]
+    """The first box of each demonstration, and the end of the last one's, `[E + 1]`."""
+    low: NDArray[np.float32]
+    """Lower corner of the box around the percepts of a few successive frames, `[C, D]`."""
+    high: NDArray[np.float32]
+    """Its upper corner."""
+
+
+class DemonstrationMemory(nn.Module):
+    """A store of demonstrations, which grows in amortised constant time for each frame.
+
+    Args:
+        percept_dimensions: length D of a percept.
+        target_dimensions: length A of a target.
+    """
+
+    def __init__(self, percept_dimensions: int, target_dimensions: int) -> None:
+        super().__init__()
+        row = Column((percept_dimensions,), torch.float32)
+        target = Column((target_dimensions,), torch.float32)
+        self.rows = GrowableRows(
+            {"percept": row, "change": row, "target": target, "time": _INTEGER}
+        )
+        self.demonstrations = GrowableRows(
+            {
+                "rows": _INTEGER,  # that are kept
+                "frames": _INTEGER,  # that were shown
+                "task": _INTEGER,
+                "correction": _INTEGER,  # 1 for one that showed what to do where all was novel
+                "pace": Column((), torch.float32),
+            }
+        )
+        self._shown: Shown | None = None
+        self._versions: BufferVersions | None = None
+        check_on_load(self)
+
+    def __len__(self) -> int:
+        """Return the number of demonstrations."""
+        return len(self.demonstrations)
+
+    def append(
+        self,
+        percepts: NDArray[np.float32],
+        changes: NDArray[np.float32],
+        targets: NDArray[np.float32],
+        task: int,
+        correction: bool,
+    ) -> None:
+        """Keep one demonstration of T frames; arguments as the fields of `Shown`."""
+        shown, count = self.shown(), len(percepts)
+        steps = np.linalg.norm(np.diff(percepts, axis=0).astype(np.float64), axis=1)
+        pace = float(steps.mean()) if len(steps) else 0.0
+        row = self.rows.extend(count)
+        values = {"percept": percepts, "change": changes, "target": targets}
+        for name, value in values.items():
+            self.rows.live(name)[row:] = torch.from_numpy(value)
+        self.rows.live("time")[row:] = torch.arange(count)
+        self.demonstrations.append(
+            {"rows": count, "frames": count, "task": task, "correction": correction, "pace": pace}
+        )
+        self._keep(_with_one_more(shown, self._arrays(), percepts))
+
+    def select(self, rows: NDArray[np.bool_]) -> None:
+        """Keep only some rows, bool `[R]`; each demonstration keeps its place, even without any."""
+        first = self.shown().first
+        kept = np.add.reduceat(rows, first[:-1], dtype=np.int64) if len(first) > 1 else []
+        self.rows.select(torch.from_numpy(rows.nonzero()[0]))
+        self.demonstrations.live("rows").copy_(torch.as_tensor(kept))
+        self._shown = None
+
+    def shown(self) -> Shown:
+        """Return what is kept, as arrays that later demonstrations do not change.
+
+        Raises:
+            ValueError: buffers that were changed from outside and contradict one another.
+        """
+        shown, versions = self._shown, self._versions
+        if shown is None or versions is None or not versions.unchanged():
+            self.check_state(self.state_dict())
+            shown = self._keep(_with_boxes(self._arrays()))
+        return shown
+
+    def adopt(self, draft: DemonstrationMemory) -> None:
+        """Replace the state by that of a draft, a snapshot to which demonstrations were added."""
+        adopt(self, draft)
+        if self._shown is not None:
+            self._keep(self._shown)
+
+    def _keep(self, shown: Shown) -> Shown:
+        self._versions, self._shown = BufferVersions(self), shown
+        return shown
+
+    def _arrays(self) -> Shown:
+        """Return the arrays without boxes; those that index others are copies."""
+        rows = {name: self.rows.live(name).numpy() for name in self.rows.columns}
+        of = {name: self.demonstrations.live(name) for name in self.demonstrations.columns}
+        own = {name: column.numpy().copy() for name, column in of.items()}
+        none, box = np.zeros(1, np.int64), np.zeros((0, rows["percept"].shape[1]), np.float32)
+        return Shown(
+            rows["percept"], rows["change"], rows["target"], rows["time"],
+            np.r_[0, np.cumsum(own["rows"])], own["frames"], own["pace"].astype(np.float64),
+            own["task"],
+            none, none, box, box,
+        )  # fmt: skip
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+        check_structure(self, tensors)
+        rows, frames = tensors["demonstrations.rows"], tensors["demonstrations.frames"]
+        time, kept = tensors["rows.time"], len(tensors["rows.time"])
+        enough = bool((rows >= 0).all() and (rows <= frames).all()) and int(rows.sum()) == kept
+        check_conditions({"as many rows as demonstrations have": enough})
+        ends = torch.repeat_interleave(frames, rows)
+        begins = torch.zeros(kept, dtype=torch.bool)
+        begins[(rows.cumsum(0) - rows)[rows > 0]] = True
+        pace = tensors["demonstrations.pace"]
+        check_conditions(
+            {
+                "bounded percepts": are_bounded(tensors["rows.percept"]),
+                "bounded changes": are_bounded(tensors["rows.change"]),
+                "finite targets": tensors["rows.target"].isfinite().all(),
+                "frames of their demonstrations": within(time, ends),
+                "frames in order of time": bool(((time.diff() > 0) | begins[1:]).all()),
+                "tasks ≥ 0": (tensors["demonstrations.task"] >= 0).all(),
+                "corrections or none": within(tensors["demonstrations.correction"], 2),
+                "a pace ≥ 0": ((pace >= 0) & pace.isfinite()).all(),
+            }
+        )
+
+
+def _with_boxes(shown: Shown) -> Shown:
+    """Return the arrays with boxes around all of their frames."""
+    begins = [
+        np.arange(first, end, _LEAF)
+        for first, end in zip(shown.first[:-1], shown.first[1:], strict=True)
+    ]
+    box_first = np.concatenate([*begins, [len(shown.percepts)]]).astype(np.int64)
+    box_of = np.r_[0, np.cumsum([len(begin) for begin in begins], dtype=np.int64)]
+    low, high = _corners(shown.percepts, box_first[:-1])
+    return shown._replace(box_first=box_first, box_of=box_of, low=low, high=high)
+
+
+def _with_one_more(before: Shown, arrays: Shown, percepts: NDArray[np.float32]) -> Shown:
+    """Return the arrays with the boxes of before, and those of one more demonstration."""
+    begins = np.arange(0, len(percepts), _LEAF)
+    low, high = _corners(percepts, begins)
+    box_first = np.concatenate(
+        [before.box_first[:-1], before.first[-1] + begins, [len(arrays.percepts)]]
+    )
+    return arrays._replace(
+        box_first=box_first.astype(np.int64),
+        box_of=np.append(before.box_of, before.box_of[-1] + len(begins)),
+        low=np.concatenate([before.low, low]),
+        high=np.concatenate([before.high, high]),
+    )
+
+
+def _corners(
+    percepts: NDArray[np.float32], begins: NDArray[np.int64]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the corners `[C, D]` of the boxes that begin at these rows."""
+    if len(begins) == 0:
+        return percepts[:0], percepts[:0]
+    return np.minimum.reduceat(percepts, begins), np.maximum.reduceat(percepts, begins)
