@@ -204,13 +204,21 @@ class CompetingSchemas(EpisodicMemory, Schemas):
         Raises:
             ValueError: no schemas yet.
         """
-        recall = self.new_recall()
-        if recall is None:
+        timeline = self.timeline()
+        if timeline is None:
             raise ValueError(
                 "expected a network that has learned schemas, got one without any: no node has "
                 "habituated and kept targets; show it more, or look at SOFMConfig.scale"
             )
-        return Recognizer(recall)
+        known = torch.from_numpy(timeline.episode)
+        return Recognizer(
+            timeline,
+            self.arrays("cue"),
+            self.episodes.live("behaviour").cpu()[known].numpy(),
+            len(self.behaviours),
+            as_array(self.episodes.live("last_cue").cpu()[known]),
+            self.config.recognition,
+        )
 
     @torch.no_grad()
     def rivals(self, node: int, percept: Tensor) -> list[Rival]:

@@ -66,7 +66,7 @@ class State(NamedTuple):
     distance: NDArray[np.float64]  # [1], squared, to it
     steps: NDArray[np.int64]  # [1]
     kept: NDArray[np.float32]  # [H, D], see `RecentPercepts`
-    count: NDArray[np.int64]  # [1]
+    kept_count: NDArray[np.int64]  # [1]
     change: NDArray[np.float32]  # [D], how the percept has changed
 
 
@@ -89,13 +89,27 @@ class Follower:
 
         self._recent, self._ratio, self._fps = recent, change_ratio, fps
         dimensions = len(change_ratio)
-        numbers, values = np.zeros((4, FOLLOWED), np.int64), np.zeros((9, FOLLOWED))
         self.state = State(
-            numbers[0], numbers[1], values[0], np.zeros((FOLLOWED, dimensions), np.float32),
-            values[1], values[2], values[3], values[4], values[5], values[6], values[7],
-            numbers[2][:1], values[8][:1], numbers[3][:1], np.zeros(1), np.zeros(1, np.int64), recent.kept,
-            recent.count, np.zeros(dimensions, np.float32),
-        )  # fmt: skip
+            demonstration=np.zeros(FOLLOWED, np.int64),
+            row=np.zeros(FOLLOWED, np.int64),
+            time=np.zeros(FOLLOWED),
+            moved=np.zeros((FOLLOWED, dimensions), np.float32),
+            gone=np.zeros(FOLLOWED),
+            ahead=np.zeros(FOLLOWED),
+            excess=np.zeros(FOLLOWED),
+            mismatch=np.zeros(FOLLOWED),
+            change_mismatch=np.zeros(FOLLOWED),
+            cost=np.zeros(FOLLOWED),
+            weight=np.zeros(FOLLOWED),
+            heaviest=np.zeros(1, np.int64),
+            progress=np.zeros(1),
+            nearest=np.zeros(1, np.int64),
+            distance=np.zeros(1),
+            steps=np.zeros(1, np.int64),
+            kept=recent.kept,
+            kept_count=recent.count,
+            change=np.zeros(dimensions, np.float32),
+        )
         self.reset()
 
     def reset(self) -> None:

@@ -42,7 +42,7 @@ def follow(percept, shown, allowed, state, settings, correction, action):
         correction: `Correction`.
         action: where to write, `[U]`; unchanged if there is nothing to follow.
     """
-    change_at(percept, state.kept, state.count, settings.least, state.change)
+    change_at(percept, state.kept, state.kept_count, settings.least, state.change)
     for k in range(len(percept)):
         state.change[k] *= settings.change_ratio[k]
     state.nearest[0], state.distance[0] = NO_ONE, NOTHING

@@ -15,8 +15,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pacnet.competition.recall import CompetingRecall
-from pacnet.core.growable_rows import as_array
+from pacnet.competition.belief import Belief, RecognitionConfig
+from pacnet.competition.timeline import Timeline
 
 _BIAS_RATE = 0.2  # per sample, at which the deviation from the known episodes is followed
 
@@ -57,25 +57,42 @@ class Recognizer:
     """Recognition of one episode, percept by percept.
 
     Args:
-        recall: a recall episode that has just begun.
+        timeline: of E known episodes.
+        cues: the percepts that it refers to, normalized, `[R, D]`.
+        behaviour_of: which behaviour each episode shows, `[E]`.
+        behaviours: number of behaviours.
+        last: the last percept of each episode, normalized, `[E, D]`.
+        config: see `RecognitionConfig`.
 
     Attributes:
         novel_above: the novelty above which a percept is called novel.
     """
 
-    def __init__(self, recall: CompetingRecall) -> None:
-        self._recall, self._belief = recall, recall.belief
-        memory = recall.memory
-        known = torch.from_numpy(recall.timeline.episode)
-        self._n_behaviours = len(memory.behaviours)
-        self._behaviour_of = memory.episodes.live("behaviour").cpu()[known].numpy()  # [E]
-        self._last = as_array(memory.episodes.live("last_cue").cpu()[known])  # [E, D]
-        self._bias = np.zeros(self._last.shape[1], self._last.dtype)
-        self.novel_above = recall.config.recognition.novel_above
+    def __init__(
+        self,
+        timeline: Timeline,
+        cues: NDArray[np.floating],
+        behaviour_of: NDArray[np.int64],
+        behaviours: int,
+        last: NDArray[np.floating],
+        config: RecognitionConfig,
+    ) -> None:
+        self._belief, self._rows = Belief(timeline, config), timeline.rows
+        self._cues = np.asfortranarray(cues)  # the layout distances are taken in
+        self._behaviour_of, self._n_behaviours, self._last = behaviour_of, behaviours, last
+        self._bias = np.zeros(last.shape[1], last.dtype)
+        self.novel_above = config.novel_above
+
+    def columns(self, percepts: NDArray[np.floating]) -> list[Tensor]:
+        """Return the fields of `RecognitionStep` for several percepts `[T, D]`, each `[T, ...]`."""
+        steps = map(self.update, percepts)
+        return [torch.from_numpy(np.stack(field)) for field in zip(*steps, strict=True)]
 
     def update(self, percept: NDArray[np.floating]) -> RecognitionStep:
         """Recognize one more percept of the episode, normalized, `[D]`."""
-        distances = self._recall.distances(percept)
+        from pacnet.kernels.distances import distances_of  # imports numba
+
+        distances = distances_of(percept, self._cues)
         self._belief.update(distances)
         of_episodes = self._belief.probability.sum(axis=1)
         probability = np.bincount(self._behaviour_of, of_episodes, minlength=self._n_behaviours)
@@ -100,8 +117,8 @@ class Recognizer:
 
     def _expected(self, probability: NDArray[np.float64]) -> NDArray[np.floating]:
         """Return the mean cue `[D]` over states of the timeline `[E, P]`."""
-        cues, rows = self._recall.cues, self._recall.timeline.rows
-        of_row = np.bincount(rows.ravel(), probability.ravel(), minlength=len(cues))
+        cues = self._cues
+        of_row = np.bincount(self._rows.ravel(), probability.ravel(), minlength=len(cues))
         return of_row.astype(cues.dtype) @ cues
 
 

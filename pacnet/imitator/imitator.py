@@ -16,7 +16,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pacnet.attention.records import NO_NODE
 from pacnet.competition.following import State
+from pacnet.competition.recognition import Recognition
 from pacnet.core.drafts import short_switch_interval
 from pacnet.core.growable_rows import check_storage
 from pacnet.core.interrupts import defer_sigint
@@ -27,6 +29,7 @@ from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
 from pacnet.imitator.learning import Draft
+from pacnet.imitator.recognizing import recognizer_of
 from pacnet.imitator.records import EpisodeReport, Followed, ImitatorStep, task_name
 from pacnet.imitator.state import ImitatorState, Known
 from pacnet.kernels.engine import Engine
@@ -230,6 +233,38 @@ class Imitator(ImitatorState):
                 self._known = known._replace(allowed=self._allowed(known.shown))
             self.follower.reset()
             self.novelty_detector.reset()
+
+    @torch.no_grad()
+    def recognise(self, percepts: Tensor) -> Recognition:
+        """Recognize which task is shown, without acting; each call begins a new episode.
+
+        Novelty is that of `step`. A recall episode in progress is not affected.
+
+        Args:
+            percepts: `[T ≥ 1, D]`, in order of time.
+
+        Raises:
+            ValueError: nothing was learned yet; percepts of the wrong shape or dtype, or not
+                finite.
+        """
+        normalized = self.sofm.normalize(percepts)
+        with self.state_lock:
+            shown, detector, tasks = self.memory.shown(), self.novelty_detector, self.tasks
+            attention = self.sofm.read(normalized)
+        factor = (self.sofm.scale.numpy() / self._scale).astype(np.float32)[None]
+        recognizer = recognizer_of(shown, len(tasks), factor)
+        probability, task, progress, soon, end, _ = recognizer.columns(normalized.numpy())
+        novelty = torch.from_numpy(detector.novelty(percepts.numpy() * self._scale, shown))
+        return Recognition(
+            probability,
+            task,
+            progress,
+            soon / self.sofm.scale,
+            end / self.sofm.scale,
+            novelty,
+            novelty > 1,
+            torch.where(attention.novelty, NO_NODE, attention.winner),
+        )
 
     def _fit(self, model: MLPForwardModel, episodes: Sequence[Demonstration]) -> None:
         """Fit the forward model to all steps from one frame to the next."""

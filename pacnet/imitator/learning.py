@@ -118,4 +118,3 @@ def _pairs_within(
         frames += [frame] * len(near)
         others += near.tolist()
     return np.array(frames, np.int64), np.array(others, np.int64)
-

@@ -22,12 +22,12 @@ from pacnet.core.validation import is_integer
 from pacnet.schemas.demonstration_memory import Shown
 
 SMOOTHING = 0.2  # [s] over which deviations are averaged, so that one bad frame is not novel
-ALONE = 0.4  # threshold from demonstrations that have no other to compare with, in their range
+ALONE = 0.6  # threshold from demonstrations that have no other to compare with, in their range
 _USUAL = 0.9  # quantile of the deviations that is typical
-_TYPICAL_EPISODE = 0.5  # quantile of the demonstrations' largest deviations
+_TYPICAL_EPISODE = 0.3  # quantile of the demonstrations' largest deviations
 _FEW, _VERY_FEW = 5.0, 4.0  # how the threshold grows where few were compared: 1 + 5 / (N + 4)
 _MIN_TYPICAL = 0.2  # of one dimension, in shares of the quadratic mean over all
-_MIN_SHARE = 0.02  # of a threshold, in shares of the range
+_MIN_SHARE = 0.12  # of a threshold, in shares of the range
 _COMPARED = 40  # demonstrations that are left out in turn, at most
 _SEARCHED = 100_000  # frames; of more, the deviation is measured at every second, third, ... frame
 _GROWTH = 1.1  # demonstrations are compared again when there are so many times as many
@@ -94,6 +94,11 @@ class NoveltyDetector(nn.Module):
         return NoveltyScore(
             float(ratio[most]), most, float(residual[most]), float(thresholds[most])
         )
+
+    def novelty(self, percepts: NDArray[np.float32], shown: Shown) -> NDArray[np.float32]:
+        """Return the novelty of an episode's percepts `[T]`, as `score` gives it; see `largest`."""
+        deviations, _ = self._deviations(percepts, shown, None, 1)
+        return (deviations / self.thresholds.numpy()).max(axis=1)
 
     def largest(self, percepts: NDArray[np.float32], shown: Shown) -> tuple[float, NDArray]:
         """Return the largest novelty of an episode, and the nearest rows shown.

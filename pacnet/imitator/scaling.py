@@ -18,7 +18,7 @@ from torch import Tensor
 from pacnet.core.validation import check_fields, is_number
 from pacnet.schemas.changes import RecentPercepts
 
-_SHARE = 0.3  # of the median spread of dimensions that are alike: the least of one of them
+_SHARE = 0.1  # of the median spread of dimensions that are alike: the least of one of them
 _MOVES = 0.1  # distance that counts as movement, in shares of the mean from frame to frame
 # What the last part of a dimension's name says about its unit.
 _UNITS = {
@@ -122,7 +122,7 @@ def _least_spread(
     spread: NDArray[np.float64], kinds: Sequence[tuple[str, str]]
 ) -> NDArray[np.float64]:
     """Return the least spread of each dimension, a share of that of those that are alike."""
-    least = np.full(len(spread), _SHARE * np.median(spread[spread > 0]))
+    least = np.full(len(spread), _SHARE * float(np.median(spread[spread > 0])))
     for kind in set(kinds):
         alike = np.array([other == kind for other in kinds])
         if spread[alike].any():

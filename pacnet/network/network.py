@@ -280,8 +280,7 @@ class PACNet(NetworkState):
         normalized, now = self.sofm.normalize(percepts), self.snapshot()
         recognizer = now.recognizer()
         attention = now.sofm.read(normalized)
-        steps = map(recognizer.update, as_array(normalized))
-        columns = (torch.from_numpy(np.stack(field)) for field in zip(*steps, strict=True))
+        columns = recognizer.columns(as_array(normalized))
         probability, behaviour, progress, soon, end, novelty = (
             column.to(normalized if column.is_floating_point() else normalized.device)
             for column in columns
