@@ -16,9 +16,9 @@ from pacnet.schemas.changes import change_at
 
 FOLLOWED = 16  # demonstrations that are followed at once
 BLENDED = 5  # of them decide together
-STIFFNESS = 2.0  # of time: what a frame too early or late costs, in usual steps
+STIFFNESS = 1.0  # of time: what a frame too early or late costs, in usual steps
 PULL = 0.5  # share of the difference from the expected time that is made good at once
-CHANGE_WEIGHT = 1.0  # of the change beside the percept, in choosing what to follow
+CHANGE_WEIGHT = 0.3  # of the change beside the percept, in choosing what to follow
 JUMP_CHANGE_WEIGHT = 0.1  # the same, in judging whether another moment fits better
 JUMP = 0.3  # by how much another moment must fit better, on average, to be taken instead
 LATE_START = 1.0  # what it costs to begin a demonstration in its middle
@@ -256,26 +256,47 @@ def _act(percept, shown, state, correction, action):
 
 @cached_njit(nogil=True)
 def nearest_rows(percepts, shown, allowed, nearest):
-    """Write the nearest row to each of an episode's percepts `[T, D]`; `NO_ONE` if there is none.
+    """Write the rows that are nearest to each of an episode's percepts.
 
     Args:
-        percepts: scaled, in order of time.
+        percepts: scaled, in order of time, `[T, D]`.
         shown: `Shown`.
         allowed: the demonstrations to search, bool `[E]`.
-        nearest: where to write, int64 `[T]`.
+        nearest: where to write, int64 `[T, K]`, the nearest first; `NO_ONE` where there are fewer.
     """
-    row, low, high = NO_ONE, shown.low, shown.high
+    low, high, rows = shown.low, shown.high, shown.percepts
+    apart, last = np.empty(nearest.shape[1]), nearest.shape[1] - 1
     for frame in range(len(percepts)):
-        percept = percepts[frame]
-        limit = NOTHING if row == NO_ONE else _distance(percept, shown.percepts, row)
+        percept, found = percepts[frame], nearest[frame]
+        apart[:], found[:] = NOTHING, NO_ONE
+        if frame > 0:  # as many were found then, so none that is farther than all of these counts
+            apart[last] = _farthest(percept, rows, nearest[frame - 1])
         for number in range(len(shown.frames)):
             if not allowed[number]:
                 continue
             for box in range(shown.box_of[number], shown.box_of[number + 1]):
-                if _box_distance(percept, low, high, box) >= limit:
-                    continue
-                for candidate in range(shown.box_first[box], shown.box_first[box + 1]):
-                    apart = _distance(percept, shown.percepts, candidate)
-                    if apart < limit:
-                        limit, row = apart, candidate
-        nearest[frame] = row
+                if _box_distance(percept, low, high, box) < apart[last]:
+                    for row in range(shown.box_first[box], shown.box_first[box + 1]):
+                        _insert(row, float(_distance(percept, rows, row)), apart, found)
+
+
+@njit
+def _farthest(percept, rows, some):
+    """Return a distance just beyond some rows; `NOTHING` if not all of them are there."""
+    farthest = 0.0
+    for row in some:
+        apart = NOTHING if row == NO_ONE else float(_distance(percept, rows, row))
+        farthest = max(farthest, apart)
+    return np.nextafter(farthest, NOTHING)
+
+
+@njit
+def _insert(row, distance, apart, found):
+    """Insert a row into those found, in order of their distances, if it is among the nearest."""
+    place = len(found) - 1
+    if distance >= apart[place]:
+        return
+    while place > 0 and distance < apart[place - 1]:
+        apart[place], found[place] = apart[place - 1], found[place - 1]
+        place -= 1
+    apart[place], found[place] = distance, row

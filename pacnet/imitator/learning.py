@@ -15,9 +15,7 @@ from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.novelty import NoveltyDetector, strides
 from pacnet.schemas.demonstration_memory import DemonstrationMemory
 
-_NEIGHBOURS = 5  # frames of a single demonstration that each of its frames is compared with
-_APART = 0.04  # [s] that these lie apart
-_COMPARED = 500  # frames of a single demonstration that are compared, at most
+_APART = 0.05  # [s] between the frames of a single demonstration that are compared
 
 
 class Draft:
@@ -74,14 +72,16 @@ class Draft:
         """Compare a demonstration with its neighbours; return its largest novelty."""
         shown = self.memory.shown()
         if len(shown.percepts) == 0:
-            frames, others = _pairs_within(percepts, max(1, round(_APART * fps)))
-            deviations = percepts[frames] - percepts[others]
-            self.correction.add(deviations, targets[frames] - targets[others], within=True)
+            apart = max(1, round(_APART * fps))
+            deviations = percepts[apart:] - percepts[:-apart]
+            self.correction.add(deviations, targets[apart:] - targets[:-apart], within=True)
             return None
         novelty, rows = self.detector.largest(percepts, shown)
-        stride = strides(shown)
-        deviations = percepts[::stride] - shown.percepts[rows]
-        self.correction.add(deviations, targets[::stride] - shown.targets[rows], within=False)
+        frames = np.arange(0, len(percepts), strides(shown)).repeat(rows.shape[1])
+        found = rows.ravel() >= 0
+        frames, rows = frames[found], rows.ravel()[found]
+        deviations = percepts[frames] - shown.percepts[rows]
+        self.correction.add(deviations, targets[frames] - shown.targets[rows], within=False)
         return novelty
 
     def _forget(self, budget: int, factor: Tensor) -> None:
@@ -102,19 +102,3 @@ class Draft:
         memory.adopt(self.memory)
         adopt(correction, self.correction)
         adopt(detector, self.detector)
-
-
-def _pairs_within(
-    percepts: NDArray[np.float32], apart: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return frames of a demonstration, and for each a near one at another time, `[P]` both."""
-    last = len(percepts) - 1
-    frames, others = [], []
-    for frame in np.unique(np.linspace(0, last, min(_COMPARED, last + 1)).astype(np.int64)):
-        squared = np.square(percepts - percepts[frame]).sum(axis=1)
-        squared[max(0, frame - apart) : frame + apart + 1] = np.inf
-        near = np.argsort(squared)[:_NEIGHBOURS]
-        near = near[np.isfinite(squared[near])]
-        frames += [frame] * len(near)
-        others += near.tolist()
-    return np.array(frames, np.int64), np.array(others, np.int64)

@@ -22,12 +22,13 @@ from pacnet.core.validation import is_integer
 from pacnet.schemas.demonstration_memory import Shown
 
 SMOOTHING = 0.2  # [s] over which deviations are averaged, so that one bad frame is not novel
-ALONE = 0.6  # threshold from demonstrations that have no other to compare with, in their range
+PRIOR = 1.2  # least threshold from N demonstrations, in shares of their range, times N + 1
+NEIGHBOURS = 5  # rows that are found for each frame of a demonstration
 _USUAL = 0.9  # quantile of the deviations that is typical
 _TYPICAL_EPISODE = 0.3  # quantile of the demonstrations' largest deviations
 _FEW, _VERY_FEW = 5.0, 4.0  # how the threshold grows where few were compared: 1 + 5 / (N + 4)
 _MIN_TYPICAL = 0.2  # of one dimension, in shares of the quadratic mean over all
-_MIN_SHARE = 0.12  # of a threshold, in shares of the range
+_MIN_RANGE = 0.5  # of one dimension, in shares of the quadratic mean over all
 _COMPARED = 40  # demonstrations that are left out in turn, at most
 _SEARCHED = 100_000  # frames; of more, the deviation is measured at every second, third, ... frame
 _GROWTH = 1.1  # demonstrations are compared again when there are so many times as many
@@ -108,11 +109,11 @@ class NoveltyDetector(nn.Module):
             shown: what it is compared with, at least one demonstration.
 
         Returns:
-            The novelty, as `score` gives it, and the rows `[N]` that are nearest to the frames
-            `[::stride]`, −1 for none; `stride` is that of `strides`.
+            The novelty, as `score` gives it, and the rows `[N, NEIGHBOURS]` that are nearest to the
+            frames `[::stride]`, −1 where there are fewer; `stride` is that of `strides`.
         """
         stride = strides(shown)
-        deviations, rows = self._deviations(percepts[::stride], shown, None, stride)
+        deviations, rows = self._deviations(percepts[::stride], shown, None, stride, NEIGHBOURS)
         return float((deviations.max(axis=0) / self.thresholds.numpy()).max()), rows
 
     def is_due(self, demonstrations: int) -> bool:
@@ -132,10 +133,9 @@ class NoveltyDetector(nn.Module):
         alike = [number for number in usual if np.sum(shown.task[usual] == shown.task[number]) > 1]
         some = np.unique(np.linspace(0, len(alike) - 1, min(_COMPARED, len(alike))).round())
         left_out = [alike[int(index)] for index in some]
-        spread = _range(shown)
-        thresholds = ALONE * spread
+        thresholds = PRIOR * _range(shown) / (max(1, len(left_out)) + 1)
         if left_out:
-            thresholds = np.maximum(self._compare(shown, left_out), _MIN_SHARE * spread)
+            thresholds = np.maximum(self._compare(shown, left_out), thresholds)
         self.thresholds.copy_(torch.from_numpy(thresholds.astype(np.float32)))
         self.compared.fill_(len(shown.frames))
 
@@ -160,15 +160,16 @@ class NoveltyDetector(nn.Module):
         shown: Shown,
         allowed: NDArray[np.bool_] | None,
         stride: int,
+        neighbours: int = 1,
     ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Return smoothed deviations `[N, D]` of every `stride`-th percept, and nearest rows."""
         from pacnet.competition.following_kernels import nearest_rows  # imports numba
 
         if allowed is None:
             allowed = np.ones(len(shown.frames), bool)
-        rows = np.empty(len(percepts), np.int64)
+        rows = np.empty((len(percepts), neighbours), np.int64)
         nearest_rows(np.ascontiguousarray(percepts), shown, allowed, rows)
-        apart = np.abs(percepts - shown.percepts[rows])
+        apart = np.abs(percepts - shown.percepts[rows[:, 0]])
         rate, smooth = min(1.0, stride * self.rate), np.zeros(self.dimensions, np.float32)
         for frame in apart:
             smooth += rate * (frame - smooth)
@@ -195,4 +196,4 @@ def strides(shown: Shown) -> int:
 def _range(shown: Shown) -> NDArray[np.float64]:
     """Return the range of each dimension, scaled `[D]`, at least a share of the others'."""
     ranges = np.ptp(shown.percepts, axis=0).astype(np.float64)
-    return np.maximum(ranges, _MIN_TYPICAL * math.sqrt(np.square(ranges).mean()))
+    return np.maximum(ranges, _MIN_RANGE * math.sqrt(np.square(ranges).mean()))
