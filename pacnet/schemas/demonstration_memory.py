@@ -120,6 +120,7 @@ class DemonstrationMemory(nn.Module):
         first = self.shown().first
         kept = np.add.reduceat(rows, first[:-1], dtype=np.int64) if len(first) > 1 else []
         self.rows.select(torch.from_numpy(rows.nonzero()[0]))
+        self.demonstrations.select(torch.arange(len(self)))  # elsewhere: snapshots keep theirs
         self.demonstrations.live("rows").copy_(torch.as_tensor(kept))
         self._shown = None
 
