@@ -103,7 +103,8 @@ def choose_scaling(
     for part in scaled:
         recent.reset()
         changes.append(recent.changes(part))
-    usual = np.concatenate(changes).std(axis=0, dtype=np.float64)
+    # About zero, not about their mean: what moves at one speed changes by as much all the time.
+    usual = np.sqrt(np.square(np.concatenate(changes, dtype=np.float64)).mean(axis=0))
     usual = np.maximum(usual, _SHARE * np.median(usual[usual > 0])) if usual.any() else usual + 1
     return Scaling(tuple(scale.tolist()), tuple((scale / usual).tolist()), movement)
 
