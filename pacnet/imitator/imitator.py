@@ -171,7 +171,7 @@ class Imitator(ImitatorState):
             raise ValueError(
                 f"expected a finite percept within ±{MAX_VALUE:g}, scaled, got {percept.tolist()}"
             )
-        shown, state = known.shown, self.follower.state
+        shown, state = known.shown, known.state
         wanted = np.empty(self.config.target_dimensions)
         follow(scaled, shown, known.allowed, state, known.settings, known.correction, wanted)
         nearest, heaviest = state.nearest.item(), state.heaviest.item()

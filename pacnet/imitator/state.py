@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.attention.sofm import HabituatingSOFM
-from pacnet.competition.following import Follower, Settings
+from pacnet.competition.following import Follower, Settings, State
 from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
 from pacnet.core.drafts import BufferVersions, Lock, snapshot_of
 from pacnet.core.growable_rows import copy_on_state_dict
@@ -45,7 +45,8 @@ class Known(NamedTuple):
     detector: NoveltyDetector
     allowed: NDArray[np.bool_]
     """Which demonstrations are of the task that was asked for, `[E]`."""
-    versions: BufferVersions
+    state: State
+    """The recall episode, which refers to rows of these demonstrations."""
 
 
 @old_names(lessons="reports", familiarity="novelty_detector")
@@ -101,14 +102,19 @@ class ImitatorState(nn.Module):
         self.follower = Follower(recent, config.scaling.change_ratio, config.fps)
         self._scale = config.scaling.array
         self._known: Known | None = None
+        self._versions: BufferVersions | None = None  # of the state that the follower refers to
 
     def _latest(self) -> Known:
         """Return what is known now; the same object until something is learned."""
-        known = self._known
-        if known is None or not known.versions.unchanged():
-            with self.state_lock:
-                self._begin_again()  # rows may be others now
-                self._known = known = self._take()
+        known, versions = self._known, self._versions
+        if known is None or versions is None or not versions.unchanged():
+            with self.state_lock:  # another thread may just have learned
+                versions = self._versions
+                if versions is None or not versions.unchanged():
+                    self._begin_again()  # rows may be others now
+                known = self._known
+                if known is None:
+                    self._known = known = self._take()
         return known
 
     def _take(self) -> Known:
@@ -121,14 +127,14 @@ class ImitatorState(nn.Module):
             config.follows_after,
             self.correction.gain(),
         )
-        parts = self.memory, self.correction, self.novelty_detector
+        self._versions = BufferVersions(self.memory, self.correction, self.novelty_detector)
         return Known(
             shown,
             correction,
             self.follower.settings(shown, correction),
             snapshot_of(self.novelty_detector),
             self._allowed(shown),
-            BufferVersions(*parts),
+            self.follower.state,
         )
 
     def _allowed(self, shown: Shown) -> NDArray[np.bool_]:
