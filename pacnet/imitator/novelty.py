@@ -133,7 +133,9 @@ class NoveltyDetector(nn.Module):
         alike = [number for number in usual if np.sum(shown.task[usual] == shown.task[number]) > 1]
         some = np.unique(np.linspace(0, len(alike) - 1, min(_COMPARED, len(alike))).round())
         left_out = [alike[int(index)] for index in some]
-        thresholds = PRIOR * _range(shown) / (max(1, len(left_out)) + 1)
+        own = np.repeat(~corrections, np.diff(shown.first))
+        spread = _range(shown.percepts[own] if own.any() else shown.percepts)
+        thresholds = PRIOR * spread / (max(1, len(left_out)) + 1)
         if left_out:
             thresholds = np.maximum(self._compare(shown, left_out), thresholds)
         self.thresholds.copy_(torch.from_numpy(thresholds.astype(np.float32)))
@@ -193,7 +195,9 @@ def strides(shown: Shown) -> int:
     return 1 + len(shown.percepts) // _SEARCHED
 
 
-def _range(shown: Shown) -> NDArray[np.float64]:
+def _range(percepts: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the range of each dimension, scaled `[D]`, at least a share of the others'."""
-    ranges = np.ptp(shown.percepts, axis=0).astype(np.float64)
+    ranges = np.ptp(percepts, axis=0).astype(np.float64)
+    if not ranges.any():  # a single frame: nothing is known but the scale, from other data
+        return np.ones_like(ranges)
     return np.maximum(ranges, _MIN_RANGE * math.sqrt(np.square(ranges).mean()))
