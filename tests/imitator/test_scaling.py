@@ -1,77 +1,127 @@
 """The scale of percepts, chosen from demonstrations."""
 
-import math
-
+import numpy as np
 import pytest
 import torch
+from reaching import FPS
 
-from pacnet.imitator.scaling import noise_scaling
-
-
-def moving(noise: tuple[float, ...], spread: tuple[float, ...], seed: int = 0) -> torch.Tensor:
-    """One episode [4000, D] of a slow movement in each dimension, and white noise."""
-    generator = torch.Generator().manual_seed(seed)
-    phase = torch.linspace(0, 4 * math.pi, 4000, dtype=torch.float64)[:, None]
-    white = torch.randn(4000, len(noise), generator=generator, dtype=torch.float64)
-    # A sine has a standard deviation of 1 / sqrt(2).
-    path = math.sqrt(2) * torch.tensor(spread) * phase.sin()
-    return (path + torch.tensor(noise) * white).float()
+from pacnet.imitator.scaling import Scaling, choose_scaling, kinds_of
 
 
-def test_dimensions_are_measured_in_units_of_their_noise():
-    scaling = noise_scaling([moving(noise=(0.1, 0.02), spread=(1.0, 1.0))])
-    assert scaling.scale[1] / scaling.scale[0] == pytest.approx(5, rel=0.05)
+def columns(*values: object) -> torch.Tensor:
+    """An episode `[T, D]` of these dimensions."""
+    return torch.tensor(np.stack(values, axis=1), dtype=torch.float32)
 
 
-def test_a_dimension_that_is_mostly_noise_counts_for_little():
-    scaling = noise_scaling([moving(noise=(0.05, 0.05), spread=(1.0, 0.0))])
-    percepts = moving(noise=(0.05, 0.05), spread=(1.0, 0.0), seed=1) * torch.tensor(scaling.scale)
-    assert percepts[:, 1].var() < 0.01 * percepts[:, 0].var()
+def named(*names: str) -> dict[str, tuple[str, ...]]:
+    return {"observation.state": names}
 
 
-def test_scaled_percepts_are_one_away_from_their_mean():
-    episodes = [moving((0.1, 0.02, 0.3), (1.0, 5.0, 0.5), seed) for seed in range(3)]
-    scaled = torch.cat(episodes) * torch.tensor(noise_scaling(episodes).scale)
-    apart = (scaled - scaled.mean(dim=0)).square().sum(dim=1).mean().sqrt()
-    assert float(apart) == pytest.approx(1, abs=1e-3)
+def scale_of(*episodes: torch.Tensor, names: tuple[str, ...]) -> np.ndarray:
+    return np.array(choose_scaling(episodes, named(*names), FPS).scale)
 
 
-def test_the_length_of_the_noise():
-    # In units of their noise both have a length of 1, sqrt(2) together; they are 1 / 0.1 and
-    # 2 / 0.1 wide, sqrt(1.01) and sqrt(4.01) with the noise itself: scaled down by that.
-    scaling = noise_scaling([moving(noise=(0.1, 0.1), spread=(1.0, 2.0))])
-    assert scaling.noise == pytest.approx(math.sqrt(2) / math.sqrt(101 + 401), rel=0.05)
+def test_each_dimension_is_divided_by_its_spread_over_all_episodes():
+    # 0, 0, 4, 4: a standard deviation of 2, though it rests in each episode; and 1, 5, 1, 5.
+    episodes = columns([0, 0], [1, 5]), columns([4, 4], [1, 5])
+    assert scale_of(*episodes, names=("a", "b")) == pytest.approx([1 / 2, 1 / 2])
 
 
-def test_a_jump_in_the_recording_is_not_noise():
-    episode = moving((0.05,), (1.0,))
-    jumped = episode.clone()
-    jumped[2000:] += 0.5
-    calm, jumpy = noise_scaling([episode]), noise_scaling([jumped])
-    ratio = float(episode.std() / jumped.std())  # the factor takes the spread to 1
-    assert jumpy.scale[0] == pytest.approx(calm.scale[0] * ratio, rel=1e-3)
+def test_a_dimension_that_hardly_moves_is_no_finer_than_a_tenth_of_those_that_are_alike():
+    there = np.tile([-1.0, 1.0], 50)  # a standard deviation of 1
+    episode = columns(there, 3 * there, 5 * there, 1e-3 * there)
+    scale = scale_of(episode, names=("a", "b", "c", "d"))
+    # The median of 0.001, 1, 3 and 5 is 2.
+    assert 1 / scale == pytest.approx([1, 3, 5, 0.2])
 
 
-def test_without_noise_a_dimension_is_scaled_by_its_spread():
-    scaling = noise_scaling([moving(noise=(0.0, 0.0), spread=(1.0, 100.0))])
-    assert scaling.scale[0] == pytest.approx(100 * scaling.scale[1], rel=1e-3)
+def test_a_dimension_that_settles_at_the_beginning_and_then_rests_does_not_decide():
+    frames = 500
+    turn = np.linspace(0, 20, frames)
+    settles = 0.01 * np.exp(-np.arange(frames))
+    scaling = choose_scaling(
+        [columns(np.sin(turn), np.cos(turn), settles)], named("a", "b", "c"), FPS
+    )
+    # Where it settles, it moves by a share of what the others do all the time.
+    assert np.ptp(settles) * scaling.scale[2] < 0.2
+    assert 1 / scaling.scale[2] == pytest.approx(0.1 * np.sin(turn).std(), rel=0.1)
 
 
-def test_a_dimension_that_never_changes_gets_the_median_factor():
-    episode = torch.cat([moving((0.1, 0.2, 0.4), (1.0,) * 3), torch.full((4000, 1), 7.0)], dim=1)
-    scale = noise_scaling([episode]).scale
-    assert scale[3] == pytest.approx(scale[1])
+def test_a_dimension_that_never_changes_is_no_finer_either():
+    there = np.tile([-1.0, 1.0], 50)
+    episode = columns(there, np.full(100, 7.0))
+    assert 1 / scale_of(episode, names=("a", "b")) == pytest.approx([1, 0.1])
 
 
-@pytest.mark.parametrize("frames", [1, 2])
-def test_episodes_too_short_to_measure_noise(frames: int):
-    episodes = [torch.full((frames, 1), float(number)) for number in range(3)]
-    # Means are 0, 1, 2, a standard deviation of sqrt(2 / 3).
-    assert noise_scaling(episodes).scale == pytest.approx((math.sqrt(1.5),))
+def test_only_dimensions_of_one_unit_are_alike():
+    there = np.tile([-1.0, 1.0], 50)
+    episode = columns(100 * there, 100 * there, 0.5 * there, 0.5 * there)
+    names = ("arm.pos", "hand.pos", "arm.vel", "hand.vel")
+    assert 1 / scale_of(episode, names=names) == pytest.approx([100, 100, 0.5, 0.5])
+    assert 1 / scale_of(episode, names=("a", "b", "c", "d")) == pytest.approx(
+        [100, 100, 5.025, 5.025]  # of the median of 0.5 and 100, a tenth
+    )
+
+
+def test_dimensions_are_alike_in_their_feature_and_their_unit():
+    features = {"observation.state": ("base.x", "base.y", "base.yaw"), "glass": ("x", "knob")}
+    assert kinds_of(features) == [
+        ("observation.state", "place"), ("observation.state", "place"),
+        ("observation.state", "turn"), ("glass", "place"), ("glass", ""),
+    ]  # fmt: skip
+
+
+def test_changes_are_a_quadratic_mean_of_one_also_of_what_moves_at_one_speed():
+    steady, turn = np.linspace(0, 4, 400), np.linspace(0, 20, 400)
+    episode, features = columns(steady, np.sin(turn)), named("a", "b")
+    scaling = choose_scaling([episode], features, FPS)
+    recent = scaling.recent(FPS)
+    changes = recent.changes((episode.numpy() * scaling.array).astype(np.float32))
+    changes = changes * scaling.change_ratio
+    assert np.sqrt(np.square(changes).mean(axis=0)) == pytest.approx([1, 1], rel=1e-3)
+
+
+def test_movement_is_a_tenth_of_the_mean_step():
+    # A standard deviation of 1; steps of 2 each.
+    assert choose_scaling([columns(np.tile([-1, 1], 50))], named("a"), FPS).movement == (
+        pytest.approx(0.2)
+    )
+
+
+def test_the_scale_does_not_depend_on_the_frame_rate():
+    scales = []
+    for fps in (10, 50, 200):
+        time = np.linspace(0, 4, 4 * fps)
+        episode = columns(np.sin(time), time)
+        scaling = choose_scaling([episode], named("a", "b"), fps)
+        scales.append([*scaling.scale, *scaling.change_scale])
+    np.testing.assert_allclose(scales, [scales[1]] * 3, rtol=0.05)
+
+
+def test_one_frame_of_each_episode_is_enough():
+    scaling = choose_scaling([columns([0.0]), columns([2.0])], named("a"), FPS)
+    assert scaling == Scaling((1.0,), (1.0,), 0.0)
 
 
 def test_constant_percepts_and_no_episodes_are_refused():
     with pytest.raises(ValueError, match="at least one episode"):
-        noise_scaling([])
+        choose_scaling([], named("a"), FPS)
     with pytest.raises(ValueError, match="expected percepts that change"):
-        noise_scaling([torch.ones(10, 2)])
+        choose_scaling([torch.ones(10, 2)], named("a", "b"), FPS)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"scale": (0.0,)}, "Scaling.scale as positive"),
+        ({"scale": (float("inf"),)}, "Scaling.scale as positive"),
+        ({"scale": (1.0, 1.0)}, "Scaling.scale as positive"),
+        ({"scale": (), "change_scale": ()}, "Scaling.scale as positive"),
+        ({"change_scale": (-1.0,)}, "Scaling.change_scale as factors"),
+        ({"movement": -1.0}, "Scaling.movement ≥ 0"),
+        ({"movement": float("nan")}, "Scaling.movement ≥ 0"),
+    ],
+)
+def test_other_factors_are_refused(fields: dict, message: str):
+    with pytest.raises(ValueError, match=f"expected {message}"):
+        Scaling(**{"scale": (1.0,), "change_scale": (1.0,), "movement": 0.0, **fields})
