@@ -210,6 +210,7 @@ class CompetingSchemas(EpisodicMemory, Schemas):
                 "expected a network that has learned schemas, got one without any: no node has "
                 "habituated and kept targets; show it more, or look at SOFMConfig.scale"
             )
+        self.check()
         known = torch.from_numpy(timeline.episode)
         return Recognizer(
             timeline,
