@@ -52,9 +52,9 @@ class LinearCorrection(nn.Module):
 
     def __init__(self, percept_dimensions: int, action_dimensions: int) -> None:
         super().__init__()
-        dimensions = percept_dimensions, action_dimensions
-        self.register_buffer("products", torch.zeros(2, percept_dimensions, percept_dimensions))
-        self.register_buffer("responses", torch.zeros(2, *dimensions))
+        self._widths = {"products": percept_dimensions, "responses": action_dimensions}
+        for name, width in self._widths.items():
+            self.register_buffer(name, torch.zeros(2, percept_dimensions, width))
         copy_on_state_dict(self)
         check_on_load(self)
 
@@ -85,6 +85,10 @@ class LinearCorrection(nn.Module):
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         check_structure(self, tensors)
+        for name, width in self._widths.items():  # its buffers may be others by now
+            got, wanted = [*tensors[name].shape], [2, self._widths["products"], width]
+            if got != wanted:
+                raise ValueError(f"expected {name} of shape {wanted}, got {got}")
         sums = tensors["products"]
         squares = sums.diagonal(dim1=1, dim2=2)
         check_conditions(

@@ -77,6 +77,8 @@ def _check_one(shown: Demonstration, config: ImitatorConfig, sofm: HabituatingSO
             f"{len(shown.state)} states and {len(shown.environment_state)} environment states"
         )
     sofm.normalize(shown.percepts)  # refuses percepts that are too large
+    scale = shown.percepts.new_tensor(config.scaling.scale)
+    check_bounded("scaled percepts", shown.percepts * scale, len(scale), _LIKE)
     _check_gaps(shown)
 
 

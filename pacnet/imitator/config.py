@@ -14,6 +14,8 @@ from pacnet.datasets.demonstrations import ACTION, dimension_names
 from pacnet.forward_models.config import MLPForwardModelConfig
 from pacnet.imitator.scaling import Scaling
 
+_FASTEST = 100_000  # frames per second [1/s]; memory for the last of them is made beforehand
+
 
 @dataclass(frozen=True)
 class ImitatorConfig:
@@ -22,7 +24,7 @@ class ImitatorConfig:
     Attributes:
         percepts: feature -> names of its dimensions, in the order of the percept.
         action: names of the action's dimensions.
-        fps: frames per second of the demonstrations [1/s].
+        fps: frames per second of the demonstrations [1/s], up to 100,000.
         targets: what motor schemas store: the demonstrated `action`, or the `state` `lead` frames
             later, to which a forward model finds the action.
         lead: frames that a `state` lies ahead, ≥ 1.
@@ -67,7 +69,7 @@ class ImitatorConfig:
             "percepts": (same, f"of {dimensions} dimensions (attention), {width} (scaling)"),
             "state": (self.state_features == first, f"as the first of {', '.join(percepts)}"),
             "action_features": (all(map(_is_name, self.action_features)), "as names"),
-            "fps": (is_number(self.fps) and self.fps > 0, "> 0"),
+            "fps": (is_number(self.fps) and 0 < self.fps <= _FASTEST, f"> 0, ≤ {_FASTEST}"),
             "targets": (self.targets in ("action", "state"), '"action" or "state"'),
             "lead": (is_integer(self.lead, 1), "≥ 1"),
             "follows_after": (is_integer(self.follows_after, 0), "≥ 0"),

@@ -142,6 +142,8 @@ class Imitator(ImitatorState):
         check_demonstrations(demonstrations, self.config, self.sofm)
         if not self.training:
             return []
+        with self.learning_lock:
+            self._check_reports(self._latest().shown.task.tolist(), len(self.reports))
         demonstrations = demonstrations.continuous()
         if self.forward_model is not None and not self.reports:
             with full_precision():
@@ -166,7 +168,8 @@ class Imitator(ImitatorState):
         from pacnet.competition.following_kernels import follow  # imports numba
 
         percept, known = check_row("percept", percept, len(self.percept_names)), self._latest()
-        scaled = percept * self._scale
+        with np.errstate(over="ignore"):  # refused below
+            scaled = percept * self._scale
         if not np.abs(scaled).max() <= MAX_VALUE:  # NaN is not
             raise ValueError(
                 f"expected a finite percept within ±{MAX_VALUE:g}, scaled, got {percept.tolist()}"

@@ -119,8 +119,9 @@ class ImitatorState(nn.Module):
 
     def _take(self) -> Known:
         """Return what is known; no thread may be changing it."""
-        shown = self.memory.shown()
-        config = self.config
+        shown, config = self.memory.shown(), self.config
+        for part in (self.correction, self.novelty_detector):
+            part.check_state(part.state_dict())
         correction = Correction(
             np.array(config.follows, np.int64),
             1 / np.array(config.scaling.scale),
@@ -163,7 +164,7 @@ class ImitatorState(nn.Module):
         with self.state_lock:
             tensors, reports = self.state_dict(), [report._asdict() for report in self.reports]
         self.check_state(tensors)
-        self._check_reports(tensors, len(reports))
+        self._check_reports(tensors["memory.demonstrations.task"].tolist(), len(reports))
         save_checkpoint(folder, "Imitator", {**asdict(self.config), "reports": reports}, tensors)
 
     @classmethod
@@ -191,7 +192,7 @@ class ImitatorState(nn.Module):
             imitator = cls(config, engine)
             imitator.load_state_dict(tensors)
             imitator.reports = reports
-            imitator._check_reports(tensors, len(reports))
+            imitator._check_reports(tensors["memory.demonstrations.task"].tolist(), len(reports))
         except (RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())  # torch's messages have several lines
             raise ValueError(
@@ -217,17 +218,16 @@ class ImitatorState(nn.Module):
         check_structure(self, tensors)
         check_conditions({"a finite first action": tensors["first_action"].isfinite().all()})
 
-    def _check_reports(self, tensors: Mapping[str, Tensor], count: int) -> None:
-        """Raise a ValueError unless each demonstration that is kept has a report, and its task."""
-        task = tensors["memory.demonstrations.task"]
+    def _check_reports(self, task: list[int], count: int) -> None:
+        """Raise a ValueError unless each demonstration has a report, and its task's number."""
         if len(task) != count:
             raise ValueError(
                 f"expected a report of each of {len(task)} demonstrations learned, got {count}"
             )
         known = self.tasks
         numbers = [known.index(task_name(report.task)) for report in self.reports[:count]]
-        if task.tolist() != numbers:
-            raise ValueError(f"expected demonstrations of the tasks {numbers}, got {task.tolist()}")
+        if task != numbers:
+            raise ValueError(f"expected demonstrations of the tasks {numbers}, got {task}")
 
 
 def _check_width(config: ImitatorConfig, tensors: Mapping[str, Tensor]) -> None:
