@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -62,7 +63,8 @@ class GrowableRows(nn.Module):
 
     Each column is a registered buffer `[len(rows), *column.shape]` under its own name: a view of
     the beginning of larger memory. Views that were taken before keep their rows when more are
-    appended. A `state_dict` holds the rows alone; loading accepts any number of them.
+    appended, and so does a module that shares the memory: to torch its buffers have not changed. A
+    `state_dict` holds the rows alone; loading accepts any number of them.
 
     Methods raise a ValueError, and change nothing, if buffers were replaced by tensors of other
     shapes or types, of unequal length, or without memory.
@@ -128,7 +130,7 @@ class GrowableRows(nn.Module):
     def set_length(self, rows: int) -> None:
         """Set the number of rows, at most the capacity; new rows keep what memory holds."""
         for name, memory in self._memory.items():
-            self._buffers[name] = memory[:rows]
+            self._buffers[name] = memory.data[:rows]  # with a count of changes of its own
 
     def select(self, rows: Tensor) -> None:
         """Keep only the rows with these numbers, int64 `[K]`, in this order.
@@ -168,6 +170,13 @@ class GrowableRows(nn.Module):
             got = self.live(name).dtype
             if got != dtype and not (got.is_floating_point and dtype.is_floating_point):
                 raise ValueError(f"expected {name} as {dtype}, got {got}")
+
+    def fork(self) -> GrowableRows:
+        """Return rows that share what is there; those appended to either are not the other's."""
+        other = copy.copy(self)
+        other._memory = {}  # so that it takes memory of its own for more
+        other._buffers = {name: self.live(name).data for name in self.columns}
+        return other
 
     def copy_memory(self) -> None:
         """Replace memory that is shared with another module by a copy of the same capacity."""

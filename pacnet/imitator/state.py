@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -143,6 +144,19 @@ class ImitatorState(nn.Module):
         if self._task is None:
             return np.ones(len(shown.frames), bool)
         return shown.task == self.tasks.index(self._task)
+
+    def fork(self) -> Self:
+        """Return an imitator that knows the same, with a recall episode of its own.
+
+        Demonstrations are shared in memory. What either learns later is not the other's.
+        """
+        with self.state_lock, torch.inference_mode(False):
+            shared = {id(self.memory): self.memory.fork(), id(self.reports): [*self.reports]}
+            other = copy.deepcopy(self, shared)
+            other._task = None
+            other._begin_again()
+            other.novelty_detector.reset()
+        return other
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out of copies what they take anew."""

@@ -7,6 +7,7 @@ current is a matter of the percept and of the position in the sequence
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -117,11 +118,10 @@ class DemonstrationMemory(nn.Module):
 
     def select(self, rows: NDArray[np.bool_]) -> None:
         """Keep only some rows, bool `[R]`; each demonstration keeps its place, even without any."""
-        first = self.shown().first
-        kept = np.add.reduceat(rows, first[:-1], dtype=np.int64) if len(first) > 1 else []
+        kept = np.diff(np.r_[0, np.cumsum(rows)][self.shown().first])
         self.rows.select(torch.from_numpy(rows.nonzero()[0]))
-        self.demonstrations.select(torch.arange(len(self)))  # elsewhere: snapshots keep theirs
-        self.demonstrations.live("rows").copy_(torch.as_tensor(kept))
+        self.demonstrations.copy_memory()  # a thread that reads them sees them unchanged
+        self.demonstrations.live("rows").copy_(torch.from_numpy(kept))
         self._shown = None
 
     def shown(self) -> Shown:
@@ -135,6 +135,13 @@ class DemonstrationMemory(nn.Module):
             self.check_state(self.state_dict())
             shown = self._keep(_with_boxes(self._arrays()))
         return shown
+
+    def fork(self) -> DemonstrationMemory:
+        """Return a memory that shares what is kept; what either learns is not the other's."""
+        shown, other = self.shown(), copy.copy(self)
+        other._modules = {"rows": self.rows.fork(), "demonstrations": self.demonstrations.fork()}
+        other._keep(shown)
+        return other
 
     def adopt(self, draft: DemonstrationMemory) -> None:
         """Replace the state by that of a draft, a snapshot to which demonstrations were added."""

@@ -187,3 +187,26 @@ def test_extend_appends_any_number_of_rows_of_zeros(before: int):
             assert len(rows.live(name)) == before + count
             assert torch.equal(rows.live(name)[:before], values)
             assert not rows.live(name)[before:].any()
+
+
+def test_a_fork_shares_its_rows_until_either_gets_more():
+    rows = make_rows(5)
+    fork = rows.fork()
+    assert fork.live("point").data_ptr() == rows.live("point").data_ptr()
+    versions = [fork.point._version, fork.number._version]
+    rows.append({"point": torch.ones(2), "number": 50})
+    fork.append({"point": torch.zeros(2), "number": 51})
+    fork.live("number")[0] = 52  # in memory of its own by now
+    assert rows.live("number").tolist() == [0, 1, 2, 3, 4, 50]
+    assert fork.live("number").tolist() == [52, 1, 2, 3, 4, 51]
+    assert versions == [0, 0]
+
+
+def test_rows_that_are_appended_do_not_change_buffers_from_before():
+    rows = make_rows(5)
+    before, version = rows.point, rows.point._version
+    rows.append({"point": torch.ones(2), "number": 5})
+    assert rows.point.data_ptr() == before.data_ptr()
+    assert before._version == version
+    before[0, 0] = 7  # from outside, which counts
+    assert before._version > version
