@@ -187,10 +187,10 @@ def annotate(
         done: Whether the task was completed after each frame `[T]`.
     """
     imitator.reset()
-    steps = [imitator.step(percepts) for percepts in shown.percepts]
+    percepts, sofm = shown.percepts.numpy(), imitator.sofm
     return {
-        "novelty": np.array([[step.novelty] for step in steps]),
-        "winner": np.array([[step.decision.winner] for step in steps]),
+        "novelty": np.array([[imitator.step(row).novelty] for row in percepts]),
+        "winner": np.array([[sofm.read_one(row)[0].winner] for row in percepts]),
         "next.success": done[:, None],
     }
 
