@@ -20,6 +20,7 @@ pytest.importorskip("dm_control")
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.recorder import Recorder
 from pacnet.imitator.imitator import Imitator
+from train.postural.behaviours.episodes import TASKS
 from train.postural.episodes import (
     Condition,
     demonstration_seeds,
@@ -92,7 +93,8 @@ def start(command: str, *arguments: str, where: Path) -> subprocess.Popen:
     """Begins one of LeRobot's commands, in a folder that is not the repository."""
     homes = {name: str(where / "home") for name in ("HF_HOME", "HF_LEROBOT_HOME")}
     environment = {**os.environ, **homes, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
-    environment |= {"MUJOCO_GL": "disable", "PYTHONPATH": str(where / "plugins")}
+    paths = [str(where / "plugins"), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment |= {"MUJOCO_GL": "disable", "PYTHONPATH": os.pathsep.join(paths)}
     return subprocess.Popen(
         [sys.executable, "-m", f"lerobot.scripts.lerobot_{command}", *arguments],
         cwd=where,
@@ -113,10 +115,10 @@ def run(command: str, *arguments: str, where: Path) -> str:
 
 def record(folder: Path, behaviour: str, seed: int) -> Path:
     """Eight demonstrations."""
-    environment = make_environment(Condition(behaviour=behaviour))
+    environment, task = make_environment(Condition(behaviour=behaviour)), TASKS[behaviour]
     with Recorder(folder, 50, FEATURES, "postural_imitation") as recorder:
         for one in demonstration_seeds(seed, 8):
-            recorder.save_episode(behaviour, frames_of(watch_demonstration(environment, one)))
+            recorder.save_episode(task, frames_of(watch_demonstration(environment, one)))
     return folder
 
 

@@ -190,8 +190,10 @@ def test_the_loss_is_novelty_and_falls(dataset: Demonstrations):
     losses = learn(policy, batches(dataset, 0, 30))
     assert losses[0] == 1.0
     assert losses[ENOUGH // 30 + 1] < 0.5  # by then some was learned
-    novelty = 1 - policy.imitator.network(torch.cat([one.percepts for one in dataset])).activation
-    assert policy.forward(frames_of(dataset))[0].item() == pytest.approx(float(novelty.mean()))
+    novelty = 1 - policy.imitator.sofm(torch.cat([one.percepts for one in dataset])).activation
+    loss, counts = policy.forward(frames_of(dataset))
+    assert loss.item() == pytest.approx(float(novelty.mean()))
+    assert counts == {"nodes": policy.imitator.reports[-1].nodes}
 
 
 def test_nothing_is_learned_while_evaluating(dataset: Demonstrations):
@@ -225,9 +227,7 @@ def test_a_second_dataset_adds_to_the_first(dataset: Demonstrations, tmp_path: P
     policy = reloaded(policy, tmp_path / "between", second)
     learn(policy, iter(seen[5:]))
     assert_same(policy.imitator, learned_in_order(dataset, second))
-    assert policy.imitator.config.network.attention.scale == (
-        Imitator.from_demonstrations(dataset).config.network.attention.scale
-    )
+    assert policy.imitator.config == Imitator.from_demonstrations(dataset).config
 
 
 def test_of_a_dataset_that_has_grown_only_new_episodes_are_learned(
@@ -282,8 +282,8 @@ def test_frames_without_names_and_of_one_dimension_are_understood(dataset: Demon
     batch[GLASS] = batch[GLASS].T  # LeRobot drops a dimension of 1, then adds one in front
     learn(policy, iter([batch]))
     assert policy.imitator.percept_names == ("shoulder.pos", "elbow.pos", "0")
-    found = policy.imitator.network.sofm.state_dict()
-    for name, tensor in learned_in_order(dataset).network.sofm.state_dict().items():
+    found = policy.imitator.sofm.state_dict()
+    for name, tensor in learned_in_order(dataset).sofm.state_dict().items():
         assert torch.equal(found[name], tensor), name
 
 
@@ -351,19 +351,15 @@ def test_a_checkpoint_is_json_and_safetensors(
     assert torch.equal(action, policy.select_action(percept(dataset.episodes[0].state[50])))
 
 
-def test_a_policy_saved_by_version_0_1_loads_under_the_new_names(
-    policy: PACNetPolicy, dataset: Demonstrations, tmp_path: Path
+def test_a_policy_saved_by_version_0_1_is_refused_with_a_remedy(
+    policy: PACNetPolicy, tmp_path: Path
 ):
     policy.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path / "imitator")
-    fields["lessons"] = fields.pop("reports")
-    for lesson in fields["lessons"]:
-        lesson["unfamiliar"] = lesson.pop("max_novelty")
-    for name in [name for name in tensors if name.startswith("novelty_detector.")]:
-        old = name.replace("novelty_detector", "familiarity").replace("typical_deviation", "usual")
-        tensors[old] = tensors.pop(name)
+    fields["network"] = {}  # of which the schemas kept parts of the demonstrations
     write_checkpoint(tmp_path / "imitator", fields, tensors)
-    assert_same(PACNetPolicy.from_pretrained(tmp_path).imitator, learned_in_order(dataset))
+    with pytest.raises(ValueError, match="learn its demonstrations again"):
+        PACNetPolicy.from_pretrained(tmp_path)
 
 
 def test_an_untrained_policy_does_not_act():
@@ -391,6 +387,96 @@ def test_each_row_of_a_batch_is_an_episode_of_its_own(
         ]
     assert torch.equal(torch.stack(together, dim=1), torch.stack(alone))
     assert len(policy.last_steps) == 2
+
+
+def test_rows_share_what_was_learned(dataset: Demonstrations):
+    policy = trained(dataset)
+    policy.select_action({STATE: FAR.expand(20, 2), GLASS: torch.zeros(20, 1)})
+    places = {
+        actor.imitator.memory.rows.percept.data_ptr()
+        for actor in (*policy._actors, SimpleNamespace(imitator=policy.imitator))
+    }
+    assert len(policy._actors) == 20
+    assert len(places) == 1
+
+
+OPPOSITE = ("go up", "go down")  # tasks
+
+
+def opposites() -> Demonstrations:
+    """Two tasks that begin at the same place, and go up or down from there."""
+    names = {STATE: ("x", "y"), GLASS: ("glass",), ACTION: ("x", "y")}
+    shown = []
+    for number in range(6):
+        along = torch.linspace(0, 1.1, 110)[:, None]
+        path = torch.cat([along, (1.0, -1.0)[number % 2] * along], dim=1)
+        noise = torch.randn(100, 3, generator=torch.Generator().manual_seed(number))
+        seen = torch.cat([path[:100], torch.zeros(100, 1)], dim=1) + 0.01 * noise
+        task = OPPOSITE[number % 2]
+        shown.append(Demonstration(number, task, seen[:, :2], seen[:, 2:], path[10:]))
+    return Demonstrations(FPS, names, tuple(shown), "opposites")
+
+
+@pytest.fixture(scope="module")
+def up_or_down() -> PACNetPolicy:
+    return trained(opposites())
+
+
+def height(policy: PACNetPolicy, **task: object) -> float:
+    """Which way it goes where both begin: 0.1 up, −0.1 down."""
+    return float(policy.select_action({**percept([0.0, 0.0], 0.0), **task})[0, 1])
+
+
+def test_a_task_restricts_what_is_followed(up_or_down: PACNetPolicy):
+    policy = up_or_down
+    for task, way in zip(OPPOSITE, (0.1, -0.1), strict=True):
+        for given in (task, [task], f"  {task.replace(' ', '  ')}\n"):
+            policy.reset()
+            assert height(policy, task=given) == pytest.approx(way, abs=0.03)
+            numbers = {one.demonstration for one in policy.last_steps[0].followed}
+            assert {OPPOSITE[number % 2] for number in numbers} == {task}
+
+
+@pytest.mark.parametrize("task", [{}, {"task": ""}, {"task": [" "]}, {"task": None}])
+def test_without_a_task_all_that_was_shown_competes(up_or_down: PACNetPolicy, task: dict):
+    up_or_down.reset()
+    height(up_or_down, **task)
+    assert {one.demonstration % 2 for one in up_or_down.last_steps[0].followed} == {0, 1}
+
+
+def test_each_row_has_a_task_of_its_own(up_or_down: PACNetPolicy):
+    up_or_down.reset()
+    seen = {STATE: torch.tensor([[0.0, 0.0]] * 2), GLASS: torch.zeros(2, 1)}
+    both = up_or_down.select_action({**seen, "task": list(OPPOSITE)})
+    assert both[:, 1].tolist() == pytest.approx([0.1, -0.1], abs=0.03)
+
+
+def test_another_task_is_begun_at_once(up_or_down: PACNetPolicy):
+    up_or_down.reset()
+    ways = [height(up_or_down, task=task) for task in (*OPPOSITE, *OPPOSITE)]
+    assert ways == pytest.approx([0.1, -0.1, 0.1, -0.1], abs=0.03)
+
+
+def test_the_task_of_the_config_takes_precedence(tmp_path: Path):
+    policy = policy_for(opposites(), task="go down")
+    learn(policy, batches(opposites(), 0, 64))
+    assert height(policy.eval(), task="go up") == pytest.approx(-0.1, abs=0.03)
+    policy.save_pretrained(tmp_path)
+    assert PACNetPolicy.from_pretrained(tmp_path).config.task == "go down"
+    policy.config.task = ""
+    height(policy, task="go up")
+    assert {one.demonstration % 2 for one in policy.last_steps[0].followed} == {0, 1}
+
+
+def test_a_task_that_was_not_shown_is_refused_in_one_line(up_or_down: PACNetPolicy):
+    up_or_down.reset()
+    for _ in range(2):
+        with pytest.raises(ValueError, match=r"^expected a task .*'go up', 'go down', got 'fly'$"):
+            height(up_or_down, task="fly")
+    for wrong in (["go up"] * 2, [3], 3):
+        with pytest.raises(ValueError, match="expected a task, or one for each of 1 rows, got"):
+            height(up_or_down, task=wrong)
+    assert height(up_or_down, task="go up") == pytest.approx(0.1, abs=0.03)
 
 
 def test_acting_learns_nothing(policy: PACNetPolicy, dataset: Demonstrations):
@@ -422,12 +508,11 @@ def test_it_holds_at_novel_percepts(policy: PACNetPolicy, dataset: Demonstration
         assert torch.equal(policy.select_action(percept(FAR)), last)
     assert policy.last_steps[0].is_novel
     known = {STATE: shown.percepts[60:61, :2], GLASS: shown.percepts[60:61, 2:]}
-    for _ in range(60):  # it does not resume in the middle of an episode
-        assert torch.equal(policy.select_action(known), last)
-    assert not policy.last_steps[0].is_novel
-    policy.reset()
-    policy.select_action(percept(shown.percepts[0, :2], float(shown.percepts[0, 2])))
-    assert policy.last_steps[0].action is not None
+    for _ in range(60):
+        action = policy.select_action(known)
+        assert policy.last_steps[0].is_novel == torch.equal(action, last)
+    assert not policy.last_steps[0].is_novel  # and it has gone on, where it had stopped
+    assert float((action - shown.action[60]).abs().max()) < 0.1
 
 
 def test_a_robot_holds_still_before_its_first_action():
@@ -610,7 +695,7 @@ def test_a_correction_takes_effect_in_the_next_episode(dataset: Demonstrations):
     assert float((action - there.action[59]).abs().max()) < 0.2
 
 
-def test_a_correction_during_an_episode_does_not_end_holding(dataset: Demonstrations):
+def test_a_correction_during_an_episode_waits_for_the_next_one(dataset: Demonstrations):
     policy, shown = trained(dataset), dataset.episodes[0]
     for row in shown.percepts[:60]:
         policy.select_action(percept(row[:2], float(row[2])))
@@ -636,7 +721,10 @@ def test_it_is_ready_when_an_episode_begins(dataset: Demonstrations):
     policy = trained(dataset)
     policy.reset()
     (actor,) = policy._actors
-    assert actor.imitator.network.schemas._timeline is not None
+    ready = actor.imitator._known
+    assert ready is not None
+    policy.select_action(percept(FAR))
+    assert actor.imitator._known is ready
 
 
 def test_mixed_precision_learns_the_same(dataset: Demonstrations):
@@ -727,6 +815,23 @@ def test_success_is_reported_at_the_end(task: str):
         successes.append(info["is_success"])
     assert successes[-1] is True
     assert not any(successes[:-1])
+    environment.close()
+
+
+def test_tasks_are_in_the_words_of_the_demonstrations():
+    pytest.importorskip("dm_control")
+    from train.postural.behaviours.episodes import TASKS
+    from train.walls.learning import task_of
+
+    assert scenes.TASKS == TASKS
+    environment = gymnasium.make("gym_pacnet/FollowWalls-v0")
+    seen = []
+    for seed in range(6):
+        readings = environment.reset(seed=seed)[0]["agent_pos"]
+        side = "left" if readings[0] > readings[-1] else "right"
+        seen.append(environment.get_wrapper_attr("task_description"))
+        assert seen[-1] == task_of(side)
+    assert len(set(seen)) == 2
     environment.close()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import re
 from collections.abc import Callable
 
@@ -21,32 +20,44 @@ Ask = Callable[[ImitatorStep, NDArray[np.float32]], NDArray[np.float32] | None]
 class Actor:
     """One robot of a batch, with its own recall episode and its last action.
 
-    Where a percept is novel and no action is supplied, it holds until the episode ends: a percept
-    in the middle of a task may be known again, but the steps before it were not done. Holding
-    repeats the last action, except for speeds and displacements (`MOVING`), which are set to 0: a
-    mobile base would drive on. Where nothing is recalled and nothing is novel, the whole last
-    action is repeated.
+    Where a percept is novel and no action is supplied, it holds, and goes on as soon as percepts
+    are known again. Holding repeats the last action, except for speeds and displacements
+    (`MOVING`), which are set to 0: a mobile base would drive on. Where nothing is recalled and
+    nothing is novel, the whole last action is repeated.
 
     Args:
-        imitator: a trained one; the actor keeps a copy with a recall episode of its own.
+        imitator: a trained one, with which the actor shares what it knows now.
     """
 
     def __init__(self, imitator: Imitator) -> None:
-        self.imitator = copy.deepcopy(imitator)
+        self.imitator = imitator.fork()
         self._original = imitator
         self._moves = np.array([bool(MOVING.search(name)) for name in imitator.config.action])
         self.imitator.warm_up()
         self.reset()
 
     def is_of(self, imitator: Imitator) -> bool:
-        """Return whether its copy is of this imitator, which has learned nothing since."""
+        """Return whether it knows what this imitator knows now."""
         return self._original is imitator and len(self.imitator.reports) == len(imitator.reports)
 
     def reset(self) -> None:
         """Start a new recall episode."""
         self.imitator.reset()
+        self._task: str | None = None
         self._last: NDArray[np.float32] | None = None
-        self._holds = False  # for the rest of the episode
+
+    def pursue(self, task: str | None) -> None:
+        """Follow only what was shown for a task; another than before starts a recall episode.
+
+        Args:
+            task: in the words of the demonstrations; None for whatever fits.
+
+        Raises:
+            ValueError: a task that was not shown.
+        """
+        if task != self._task:
+            self.imitator.reset(task)
+            self._task = task
 
     def act(
         self, percept: NDArray[np.float32], ask: Ask | None
@@ -64,13 +75,12 @@ class Actor:
             ValueError: a percept or an answer has the wrong shape or is not finite.
         """
         step = self.imitator.step(percept)
-        action = None if self._holds else step.action
+        action = step.action
         if action is None and ask is not None:
             action = self._checked(ask(step, percept.copy()))
         if action is None:
-            self._holds |= step.is_novel
             action = self._last_or_first(percept)
-            if self._holds:
+            if step.is_novel:
                 action = np.where(self._moves, np.float32(0), action)
         self._last = action
         return action, step

@@ -21,6 +21,8 @@ class PACNetConfig(PreTrainedConfig):
         targets: what is stored for each frame: its "action", or the "state" `lead` frames later, to
             which a forward model, fitted to the same data, finds the action.
         lead: frames that such a state lies ahead, ≥ 1.
+        task: what to do, in the words of the demonstrations, whatever task comes with an
+            observation; None for that task, and "" for whatever fits.
         normalization_mapping: identity; the imitator scales percepts itself.
         push_to_hub: whether LeRobot uploads the policy after training.
         pretrained_revision: of a policy on the Hub; declared for LeRobot 0.4.4, which refuses the
@@ -32,6 +34,7 @@ class PACNetConfig(PreTrainedConfig):
 
     targets: str = "action"
     lead: int = 1
+    task: str | None = None
     normalization_mapping: dict[str, NormalizationMode] = field(
         default_factory=lambda: dict.fromkeys(
             ("STATE", "ENV", "ACTION"), NormalizationMode.IDENTITY

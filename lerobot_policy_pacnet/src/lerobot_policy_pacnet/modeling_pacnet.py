@@ -18,6 +18,7 @@ from lerobot.utils.constants import ACTION
 from torch import Tensor, nn
 
 from lerobot_policy_pacnet.acting import Actor, Ask
+from lerobot_policy_pacnet.batches import percepts_of, rows_of, tasks_of
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.parts import check_policy, record_parts
@@ -86,15 +87,15 @@ class PACNetPolicy(PreTrainedPolicy):
             ValueError: several processes; no metadata; frames of another dataset; other features or
                 another rate than learned before; or values that are not finite.
         """
-        percepts = self._percepts(batch)
+        percepts = percepts_of(batch, self.config.percept_features)
         novelty = 1.0
         with torch.no_grad(), full_precision():
             if self.training:
                 self._learn(batch, percepts)
             imitator = self.imitator
             if imitator is not None:
-                novelty = float(1 - imitator.network(percepts).activation.mean())
-        nodes = 0 if imitator is None else len(imitator.network.sofm)
+                novelty = float(1 - imitator.sofm(percepts).activation.mean())
+        nodes = 0 if imitator is None else len(imitator.sofm)
         return novelty + 0 * self.anchor.sum(), {"nodes": float(nodes)}
 
     def train(self, mode: bool = True) -> PACNetPolicy:
@@ -120,18 +121,23 @@ class PACNetPolicy(PreTrainedPolicy):
         """Return the action for each row of a batch, going on from the last call.
 
         Args:
-            batch: observations, B rows; each row has a recall episode of its own.
+            batch: observations, B rows; each row has a recall episode of its own. A `task`, a text
+                or one for each row, restricts what is followed to what was shown for it.
 
         Returns:
             Actions `[B, U]`.
 
         Raises:
-            ValueError: nothing was learned; a feature is missing, misshapen or not finite.
+            ValueError: nothing was learned; a feature is missing, misshapen or not finite; a task
+                that was not shown.
         """
-        percepts = self._percepts(batch).numpy()
+        percepts = percepts_of(batch, self.config.percept_features).numpy()
+        tasks = tasks_of(batch, len(percepts), self.config.task)
         actors = self._actors_for(len(percepts))
         # Tensors made in a caller's inference mode could not be changed outside it.
         with torch.inference_mode(False):
+            for actor, task in zip(actors, tasks, strict=True):
+                actor.pursue(task)
             acted = [actor.act(row, self.ask) for actor, row in zip(actors, percepts, strict=True)]
         self.last_steps = [step for _, step in acted]
         return torch.from_numpy(np.stack([action for action, _ in acted])).to(self.anchor.device)
@@ -181,7 +187,7 @@ class PACNetPolicy(PreTrainedPolicy):
     def _learn(self, batch: dict[str, Any], percepts: Tensor) -> None:
         _check_alone()
         training = self._training_of(self._dataset_meta)
-        actions = _rows(batch, ACTION, training.dataset.action_dimensions)
+        actions = rows_of(batch, ACTION, training.dataset.action_dimensions)
         index, episode = (batch[name].reshape(-1).cpu() for name in ("index", "episode_index"))
         if not len(index) == len(episode) == len(percepts) == len(actions):
             raise ValueError(
@@ -234,29 +240,6 @@ class PACNetPolicy(PreTrainedPolicy):
             with torch.inference_mode(False):
                 self._actors = [Actor(imitator) for _ in range(rows)]
         return self._actors
-
-    def _percepts(self, batch: dict[str, Any]) -> Tensor:
-        """Return the percepts `[B, D]` of a batch, float32 on the CPU."""
-        features = self.config.percept_features
-        rows = [_rows(batch, name, feature.shape[0]) for name, feature in features.items()]
-        if len({len(row) for row in rows}) > 1:
-            raise ValueError(
-                f"expected equally many rows of each feature, got {[len(row) for row in rows]} "
-                f"of {list(features)}"
-            )
-        if len(rows[0]) == 0:
-            raise ValueError("expected a batch of at least one row, got none")
-        return torch.cat(rows, dim=1)
-
-
-def _rows(batch: dict[str, Any], name: str, dimensions: int) -> Tensor:
-    """Return a feature as `[B, D]`: LeRobot drops axes of length 1 and adds one for time."""
-    if name not in batch:
-        raise ValueError(f"expected {name!r} in the batch, got {', '.join(map(str, batch))}")
-    value = batch[name]
-    if value.numel() % dimensions or (value.dim() > 1 and value.shape[-1] != dimensions > 1):
-        raise ValueError(f"expected {name!r} of shape [B, {dimensions}], got {list(value.shape)}")
-    return value.detach().reshape(-1, dimensions).to("cpu", torch.float32)
 
 
 def _check_alone() -> None:

@@ -19,6 +19,11 @@ from gymnasium.spaces import Box, Dict
 
 # [pixels]; LeRobot keeps the pictures of ten whole episodes in memory.
 PICTURE = {"width": 320, "height": 176}  # multiples of 16, as video encoders need
+TASKS = {  # in the words of the demonstrations that `python -m train.demonstrate` records
+    "drink": "drink a glass of beer",
+    "toast": "toast, then drink a glass of beer",
+    "move": "move a glass over the table",
+}
 ENERGY = 0.5  # mean wall energy of an episode that is a success
 _CHECKOUT = Path(__file__).resolve().parents[3]  # if installed from one with `pip install -e`
 
@@ -31,7 +36,7 @@ class Scene(gymnasium.Env[dict[str, Any], np.ndarray]):
     Args:
         scene: the environment.
         task: its name.
-        description: what to do, in words.
+        description: what to do, in words, which LeRobot passes to the policy.
         picture_every: steps between two rendered pictures. LeRobot asks for one at each step, but
             rendering takes a hundred times as long as the step.
     """
@@ -87,7 +92,7 @@ class PosturalScene(Scene):
         scene = _module("envs.postural_imitation").PosturalImitationEnv(
             render_mode, behaviour=behaviour, noise_scale=noise_scale, **PICTURE
         )
-        super().__init__(scene, behaviour, f"imitate the behaviour {behaviour}", picture_every)
+        super().__init__(scene, behaviour, TASKS[behaviour], picture_every)
         seen = scene.observation_space
         angles = _module("envs.kinematics").BodyKinematics().joint_range.astype(np.float32)
         self.observation_space = Dict(
@@ -135,7 +140,7 @@ class WallScene(Scene):
     ) -> None:
         module = _module("envs.wall_following")
         scene = module.WallFollowingEnv(render_mode, noise_scale=noise_scale, **PICTURE)
-        super().__init__(scene, "follow", "follow the wall", picture_every)
+        super().__init__(scene, "follow", _follow("left"), picture_every)
         self.observation_space = Dict({"agent_pos": scene.observation_space})
         self.action_space = scene.action_space
         self._episode_steps = episode_steps
@@ -151,6 +156,7 @@ class WallScene(Scene):
         super().reset(seed=seed)
         side = ("left", "right")[int(self.np_random.integers(2))]
         place = int(self.np_random.integers(2**31))
+        self.task_description = _follow(side)
         readings = self._begin(seed=place, options={"wall": side})
         self._energies = []
         return {"agent_pos": readings}, {"is_success": False}
@@ -169,6 +175,10 @@ def _named(observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         "agent_pos": observation["demonstrator"],
         "environment_state": observation["glass"],
     }
+
+
+def _follow(side: str) -> str:
+    return f"follow the {side} wall"
 
 
 def _module(name: str) -> ModuleType:

@@ -61,7 +61,7 @@ class Training:
         self._learned = self._tried = 0  # numbers of frames
         if base is not None:
             _check_settings(config, base)
-            copy.deepcopy(base).learn(self._demonstrations(()))  # checks its features
+            base.fork().learn(self._demonstrations(()))  # checks its features
 
     def __str__(self) -> str:
         """Return how much was learned, for the log."""
