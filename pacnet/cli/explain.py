@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pacnet.cli.parsing import (
@@ -12,14 +12,15 @@ from pacnet.cli.parsing import (
     add_command,
     add_dataset,
     add_json,
+    add_task,
     whole_number,
 )
 from pacnet.cli.printing import print_json, print_pairs, print_table
 
 _DETAILS = """The imitator runs over the episode from its start to the frame, as on the robot, since
-earlier frames decide which behaviour the frame belongs to. The output has the winning node and its
-neighbours, the motor schemas that compete there, the novelty, the target with the demonstrations
-and frames it comes from, and the action."""
+earlier frames decide which demonstrations it follows, and where in each of them it is. The output
+has these demonstrations with their moments and weights, the novelty, the progress, and the action
+beside the actions that were shown at these moments."""
 _EXAMPLE = "pacnet explain imitator recordings/new --episode 0 --frame 120"
 
 
@@ -39,6 +40,7 @@ def add_to(commands: Commands) -> None:
         "--frame", type=whole_number(0), required=True, metavar="F",
         help="frame of the episode, counted from 0",
     )  # fmt: skip
+    add_task(parser)
     add_json(parser)
 
 
@@ -49,13 +51,13 @@ def run(arguments: argparse.Namespace) -> None:
     from pacnet.kernels.threads import use_one_thread
 
     use_one_thread()
-    imitator = load_imitator(arguments.checkpoint)
+    imitator = load_imitator(arguments.checkpoint, arguments.task)
     episode, several = arguments.episode, arguments.episodes
     arguments.episodes = [episode]  # the others are not read
     if several is not None and episode not in several:
         raise ValueError(f"expected --episode among --episodes, got {episode}")
     demonstrations = load_percepts(imitator, arguments)
-    document = explain(imitator, demonstrations, episode, arguments.frame)
+    document = explain(imitator, demonstrations, episode, arguments.frame, arguments.task)
     if arguments.json:
         print_json(document)
     else:
@@ -65,18 +67,12 @@ def run(arguments: argparse.Namespace) -> None:
 def print_explanation(document: Mapping[str, Any]) -> None:
     """Print what `pacnet.cli.explanation.explain` returned."""
     print_pairs(_summary(document))
-    if document["target"] is not None:
+    if document["followed"]:
         _print_target(document)
-        print("\nframes of demonstrations that the target stands for; its value is from the first")
-        rows = [
-            (row["dataset"], f"{row['episode']}", row["task"] or "untitled", f"{row['frame']}",
-             f"{row['seconds']:.2f} s")
-            for row in document["origins"]
-        ]  # fmt: skip
-        print_table(("<dataset", "episode", "<task", "frame", "time"), rows)
-    if document["schemas"]:
-        _print_schemas(document)
-    _print_nodes(document)
+        _print_followed(document["followed"])
+    print("\npercept")
+    rows = [(name, f"{value:.4g}") for name, value in document["percept"].items()]
+    print_table(("<dimension", "value"), rows)
 
 
 def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -84,9 +80,15 @@ def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     episode = f"episode {document['episode']} of {document['dataset']}"
     threshold = f"{document['novelty_threshold']:g}"
     match = f"a match from {threshold}" if document["matches"] else f"below {threshold}, no match"
-    pairs = [
+    task = document["asked_for"]
+    only = f"only what was shown for “{task or 'untitled'}”"
+    follows = "whatever fits" if task is None else only
+    done = ", at the end of what is followed most" if document["is_done"] else ""
+    return [
         ("frame", f"{time} of {episode}, “{document['task'] or 'untitled'}”"),
         ("decision", f"{document['decision']}: {document['reason']}"),
+        ("follows", follows),
+        ("progress", f"{document['progress']:.1%}{done}"),
         (
             "novelty",
             f"{document['novelty']:.2f} (novel above 1), largest in {document['dimension']}: "
@@ -94,71 +96,49 @@ def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
         ),
         (
             "winner",
-            f"node {document['winner']}, activation {document['activation']:.2f} ({match})",
+            f"node {document['winner']} of the map, activation {document['activation']:.2f} "
+            f"({match})",
         ),
     ]
-    if document["schema"] is not None:
-        (won,) = [row for row in document["schemas"] if row["schema"] == document["schema"]]
-        place = f"target {document['position'] + 1:,} of {won['targets']:,}"
-        pairs.append(("schema", f"{document['schema']}, {place}"))
-    return pairs
 
 
 def _print_target(document: Mapping[str, Any]) -> None:
     """Print the action, and before it the target if that is a state."""
-    target, action = document["target"], document["action"]
+    target, action, shown = document["target"], document["action"], _mean_shown(document)
     if document["targets_are"] == "state":
         percept = document["percept"]
-        rows = [(name, f"{percept[name]:.4g}", f"{value:.4g}") for name, value in target.items()]
+        rows = [
+            (name, f"{percept[name]:.4g}", f"{value:.4g}", f"{shown[name]:.4g}")
+            for name, value in target.items()
+        ]
         print("\ntarget: the state to reach")
-        print_table(("<name", "now", "target"), rows)
+        print_table(("<name", "now", "target", "shown"), rows)
     else:
-        action = target
-    if action is not None:
-        print("\naction, not sent" if document["decision"] == "holds" else "\naction")
+        rows = [(name, f"{value:.4g}", f"{shown[name]:.4g}") for name, value in target.items()]
+        print("\naction, not sent" if action is None else "\naction")
+        print_table(("<name", "value", "shown"), rows)
+    print("shown: the weighted mean below; the rest corrects for the deviation from it")
+    if document["targets_are"] == "state" and action is not None:
+        print("\naction")
         print_table(("<name", "value"), [(name, f"{value:.4g}") for name, value in action.items()])
 
 
-def _print_schemas(document: Mapping[str, Any]) -> None:
-    rows, winner = document["schemas"], document["winner"]
-    where = f"motor schemas of node {winner}"
-    if any(row["node"] != winner for row in rows):
-        where += ", none of them confident, and those of other nodes near the percept"
-    print(f"\n{where}; * won")
-    print_table(
-        ("schema", "node", "confidence", "targets", "<shown in"),
-        [
-            (
-                _starred(row["schema"], document["schema"]),
-                f"{row['node']}",
-                f"{row['confidence']:.1%}",
-                f"{row['targets']:,}",
-                ", ".join(name or "untitled" for name in row["behaviours"]),
-            )
-            for row in rows
-        ],
-    )
-    if document["schema"] not in (None, rows[0]["schema"]):
-        margin = f"{document['margin']:.1%}"
-        print(f"* won before, and loses only to a schema that is more confident by {margin}")
+def _mean_shown(document: Mapping[str, Any]) -> dict[str, float]:
+    """Return the weighted mean of the targets that were shown at the moments followed."""
+    return {
+        name: sum(one["weight"] * one["target"][name] for one in document["followed"])
+        for name in document["target"]
+    }
 
 
-def _print_nodes(document: Mapping[str, Any]) -> None:
-    print(f"\nnearest nodes; {'* won' if document['matches'] else 'none matches'}")
-    winner = document["winner"] if document["matches"] else None
-    print_table(
-        ("node", "activation", "distance", "schemas"),
-        [
-            (
-                _starred(row["node"], winner),
-                f"{row['activation']:.2f}",
-                f"{row['distance']:.3f}",
-                f"{row['schemas']}",
-            )
-            for row in document["nodes"]
-        ],
-    )
-
-
-def _starred(number: int, winner: int | None) -> str:
-    return f"* {number}" if number == winner else str(number)
+def _print_followed(followed: Sequence[Mapping[str, Any]]) -> None:
+    print("\ndemonstrations that are followed, and the moment of each that is now")
+    rows = [
+        (one["dataset"], f"{one['episode']}", one["task"] or "untitled", f"{one['frame']}",
+         f"{one['seconds']:.2f} s", f"{one['weight']:.1%}", f"{one['deviation']:+.3g}",
+         one["dimension"])
+        for one in followed
+    ]  # fmt: skip
+    heads = ("<dataset", "episode", "<task", "frame", "time", "weight", "deviation", "<in")
+    print_table(heads, rows)
+    print("deviation, in: of the percept from that moment, where it is largest for its threshold")

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
-import torch
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet.cli.replay import reason_of
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.imitator import Imitator
-from pacnet.imitator.records import ImitatorStep
-
-_NODES = 5  # the nearest ones are listed
+from pacnet.imitator.records import Followed, task_name
 
 
 def explain(
-    imitator: Imitator, demonstrations: Demonstrations, episode: int, frame: int
+    imitator: Imitator,
+    demonstrations: Demonstrations,
+    episode: int,
+    frame: int,
+    task: str | None = None,
 ) -> dict[str, Any]:
     """Run over the episode from its start to the frame, and return what decided there.
 
@@ -25,16 +28,16 @@ def explain(
         demonstrations: of the imitator's features.
         episode: number of the episode in its dataset.
         frame: of the episode, from 0.
+        task: as of `Imitator.reset`.
 
     Raises:
-        ValueError: no such episode or frame.
+        ValueError: no such episode or frame, or an unknown task.
     """
     shown = _find(demonstrations, episode, frame)
-    imitator.reset()
+    imitator.reset(task)
     percepts = shown.percepts[: frame + 1]
     step = [imitator.step(percept) for percept in percepts.numpy()][-1]
-    decision, config, percept = step.decision, imitator.config, percepts[-1]
-    state = imitator.percept_names[: config.state_dimensions]
+    percept = percepts[-1]
     return {
         "dataset": demonstrations.source,
         "episode": episode,
@@ -43,25 +46,20 @@ def explain(
         "seconds": frame / demonstrations.fps,
         "decision": "acts" if step.action is not None else "holds",
         "reason": reason_of(step).sentence,
+        "asked_for": None if task is None else task_name(task),
+        "progress": step.progress,
+        "is_done": step.is_done,
         "novelty": step.novelty,
         "is_novel": step.is_novel,
         "dimension": step.dimension,
         "deviation": step.deviation,
         "threshold": step.threshold,
+        **_attention(imitator, percept),
+        "targets_are": imitator.config.targets,
+        "target": _named(_target_names(imitator), step.target),
+        "action": _named(imitator.config.action, step.action),
+        "followed": [_moment(imitator, one, percept.numpy()) for one in step.followed],
         "percept": _named(imitator.percept_names, percept),
-        "winner": decision.winner,
-        "activation": decision.activation,
-        "matches": not decision.is_novel,
-        "novelty_threshold": config.network.attention.novelty_threshold,
-        "schema": decision.schema if decision.has_target else None,
-        "position": decision.offset if decision.has_target else None,
-        "targets_are": config.targets,
-        "target": _named(config.action if config.targets == "action" else state, decision.target),
-        "action": _named(config.action, step.action),
-        "origins": _origins(imitator, step) if decision.has_target else [],
-        "margin": imitator.schemas.config.margin,
-        "schemas": _rivals(imitator, step, percept),
-        "nodes": _nodes(imitator, percept),
     }
 
 
@@ -84,51 +82,45 @@ def _named(names: tuple[str, ...], values: Any) -> dict[str, float] | None:
     return None if values is None else dict(zip(names, values.tolist(), strict=True))
 
 
-def _origins(imitator: Imitator, step: ImitatorStep) -> list[dict[str, Any]]:
-    """Return the frames of demonstrations that the target stands for."""
-    origins = imitator.schemas.origins(step.decision.schema, step.decision.offset)
-    reports = [imitator.reports[origin.episode] for origin in origins]
-    return [
-        {
-            "dataset": report.dataset,
-            "episode": report.episode,
-            "task": report.task,
-            "frame": report.first_frame + origin.frame,
-            "seconds": (report.first_frame + origin.frame) / imitator.config.fps,
-        }
-        for report, origin in zip(reports, origins, strict=True)
-    ]
+def _target_names(imitator: Imitator) -> tuple[str, ...]:
+    """Return the names of a target's dimensions, those of a state as in the percept."""
+    config = imitator.config
+    if config.targets == "action":
+        return config.action
+    return imitator.percept_names[: config.state_dimensions]
 
 
-def _rivals(imitator: Imitator, step: ImitatorStep, percept: Tensor) -> list[dict[str, Any]]:
-    """Return the schemas that competed, of other nodes too if none of the winner's is confident."""
-    schemas = imitator.schemas
-    if step.decision.is_novel or schemas.timeline() is None:
-        return []
-    scaled = imitator.network.sofm.normalize(percept[None])[0]
-    return [
-        {
-            "schema": rival.schema,
-            "node": rival.node,
-            "confidence": rival.confidence,
-            "behaviours": list(rival.behaviours),
-            "targets": int(schemas.lengths[rival.schema]),
-        }
-        for rival in schemas.rivals(step.decision.winner, scaled)
-    ]
+def _attention(imitator: Imitator, percept: Tensor) -> dict[str, Any]:
+    """Return what the map reads of a percept `[D]`."""
+    read = imitator.sofm(percept[None])
+    return {
+        "winner": int(read.winner),
+        "activation": float(read.activation),
+        "matches": not bool(read.novelty),
+        "novelty_threshold": imitator.config.attention.novelty_threshold,
+    }
 
 
-def _nodes(imitator: Imitator, percept: Tensor) -> list[dict[str, Any]]:
-    """Return the nodes nearest to a percept `[D]`, the nearest first."""
-    sofm = imitator.network.sofm
-    distance = torch.linalg.vector_norm((sofm.prototypes - percept) * sofm.scale, dim=1)
-    nearest = distance.argsort(stable=True)[:_NODES].tolist()
-    return [
-        {
-            "node": node,
-            "distance": float(distance[node]),
-            "activation": float(torch.exp(-distance[node])),
-            "schemas": len(imitator.schemas.schemas_of(node)),
-        }
-        for node in nearest
-    ]
+def _moment(imitator: Imitator, one: Followed, percept: NDArray[np.float32]) -> dict[str, Any]:
+    """Return the present moment of a demonstration that is followed, beside a percept `[D]`.
+
+    The deviation is that in the dimension where it is largest beside the novelty threshold.
+    """
+    report, shown = imitator.reports[one.demonstration], imitator.memory.shown()
+    first, end = shown.first[one.demonstration : one.demonstration + 2]
+    row = first + int(np.searchsorted(shown.time[first:end], one.frame))
+    scale = imitator.config.scaling.array
+    apart = percept * scale - shown.percepts[row]
+    most = int((np.abs(apart) / imitator.novelty_detector.thresholds.numpy()).argmax())
+    frame = report.first_frame + one.frame
+    return {
+        "dataset": report.dataset,
+        "episode": report.episode,
+        "task": report.task,
+        "frame": frame,
+        "seconds": frame / imitator.config.fps,
+        "weight": one.weight,
+        "dimension": imitator.percept_names[most],
+        "deviation": float(apart[most] / scale[most]),
+        "target": _named(_target_names(imitator), shown.targets[row]),
+    }

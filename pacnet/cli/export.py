@@ -5,14 +5,21 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_dataset, path
+from pacnet.cli.parsing import (
+    Commands,
+    add_checkpoint,
+    add_command,
+    add_dataset,
+    add_task,
+    path,
+)
 from pacnet.cli.printing import counted, print_pairs, progress_bar
 
 _DETAILS = """The copy is a LeRobot dataset with extra columns: behaviour (probability of each known
-one), progress, novelty (above 1 is novel), is_novel, winner (node of the map, -1 without a match),
-expected_next and expected_end (percepts). LeRobot's policies ignore them. The copy is of format
-v3.0, whatever that of the dataset is. Videos are the same files, hard-linked where the file system
-can. With a choice of episodes the copy has these alone, numbered from 0."""
+task), progress in the likeliest, novelty (above 1 is novel), is_novel, winner (node of the map, -1
+without a match), expected_next and expected_end (percepts). LeRobot's policies ignore them. The
+copy is of format v3.0, whatever that of the dataset is. Videos are the same files, hard-linked
+where the file system can. With a choice of episodes the copy has these alone, numbered from 0."""
 _EXAMPLE = "pacnet export imitator recordings/new --out recordings/new_annotated"
 
 
@@ -22,6 +29,7 @@ def add_to(commands: Commands) -> None:
     parser = add_command(commands, "export", summary, _DETAILS, _EXAMPLE, run)
     add_checkpoint(parser)
     add_dataset(parser)
+    add_task(parser)
     parser.add_argument(
         "--out", type=path, metavar="DIR", required=True,
         help="folder of the copy; it must not exist yet",
@@ -38,13 +46,13 @@ def run(arguments: argparse.Namespace) -> None:
 
     if Path(arguments.out).exists():
         raise FileExistsError(f"expected a new folder for the copy, {arguments.out} exists")
-    imitator = load_imitator(arguments.checkpoint)
+    imitator = load_imitator(arguments.checkpoint, arguments.task)
     demonstrations = load_percepts(imitator, arguments)
-    columns = column_names(imitator.network.behaviours, imitator.percept_names)
+    columns = column_names(imitator.tasks, imitator.percept_names)
     source, episodes = arguments.dataset, [shown.episode for shown in demonstrations]
     options = {"videos": not arguments.no_videos, "skip_damaged": arguments.skip_damaged}
     check_annotatable(source, columns, selected=episodes, **options)
-    replayed = replay(imitator, demonstrations)
+    replayed = replay(imitator, demonstrations, arguments.task)
     values = [column_values(episode.recognized.recognition) for episode in replayed]
     with progress_bar("copying", sum(len(shown.state) for shown in demonstrations)) as progress:
         write_annotated(

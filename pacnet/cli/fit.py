@@ -35,10 +35,6 @@ _EXAMPLES = """pacnet fit recordings/drinking --out imitator
   pacnet fit user/name --state arm --state hand --action actions --exclude 3 --out imitator
   pacnet fit recordings/corrections --corrections --from imitator --out imitator"""
 _NONE = "none"  # in place of a feature's name
-_NO_TARGETS = (
-    "no targets were stored, so the imitator never acts: no node of the map won for long enough to "
-    "habituate; record longer episodes, or more of them"
-)
 
 
 def add_to(commands: Commands) -> None:
@@ -72,6 +68,10 @@ def add_to(commands: Commands) -> None:
     parser.add_argument(
         "--lead", type=whole_number(1), metavar="N",
         help="with --targets state: number of frames that the state lies ahead (1)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--budget", type=whole_number(1), metavar="N",
+        help="keep the targets of N frames at most, chosen by novelty and habituation (all)",
     )  # fmt: skip
     add_held_out(parser)
     parser.add_argument(
@@ -134,7 +134,7 @@ def _check_usage(arguments: argparse.Namespace) -> None:
         arguments.usage_error("argument --corrections: only with --from")
     if arguments.held_out is not None and arguments.origin is not None:
         arguments.usage_error("argument --held-out: not with --from, which has learned other data")
-    for option in ("targets", "lead"):
+    for option in ("targets", "lead", "budget"):
         if arguments.origin is not None and getattr(arguments, option) is not None:
             arguments.usage_error(f"argument --{option}: not with --from, which has its own")
     for option in ("state", "environment_state"):
@@ -186,7 +186,9 @@ def _untrained(arguments: argparse.Namespace) -> Callable[[Demonstrations], Imit
     from pacnet.imitator.imitator import Imitator
 
     targets, lead = arguments.targets or "action", arguments.lead or 1
-    return lambda demonstrations: Imitator.from_demonstrations(demonstrations, targets, lead)
+    return lambda demonstrations: Imitator.from_demonstrations(
+        demonstrations, targets, lead, budget=arguments.budget
+    )
 
 
 def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool) -> None:
@@ -205,7 +207,7 @@ def _print(imitator: Imitator, before: int, seconds: float, folder: Path) -> Non
 
     print_reports(describe_reports(imitator)[before:])
     print()
-    lengths, new = imitator.network.schemas.lengths, imitator.reports[before:]
+    new = imitator.reports[before:]
     episodes, frames = count_episodes(new), sum(report.frames for report in new)
     parts = f" in {len(new):,} parts" if len(new) > episodes else ""
     learned = (
@@ -216,11 +218,16 @@ def _print(imitator: Imitator, before: int, seconds: float, folder: Path) -> Non
     print_pairs(
         [
             ("learned", learned),
-            ("nodes", f"{len(imitator.network.sofm):,}"),
-            ("schemas", f"{len(lengths):,}"),
-            ("targets", f"{int(lengths.sum()):,} {imitator.config.targets}s"),
+            ("nodes", f"{len(imitator.sofm):,}"),
+            ("tasks", f"{len(imitator.tasks):,}"),
+            ("targets", _targets(imitator)),
             ("checkpoint", f"{folder}, {size_text(size_of(folder))}"),
         ]
     )
-    if not int(lengths.sum()):
-        print(f"note: {_NO_TARGETS}", file=sys.stderr)
+
+
+def _targets(imitator: Imitator) -> str:
+    """Return how many targets are kept, and of what."""
+    kept, shown = len(imitator.memory.rows), sum(report.frames for report in imitator.reports)
+    of = "" if kept == shown else f" of {shown:,} shown"
+    return f"{kept:,} {imitator.config.targets}s{of}"

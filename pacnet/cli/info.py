@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_json
 from pacnet.cli.printing import (
@@ -17,9 +17,13 @@ from pacnet.cli.printing import (
 )
 from pacnet.cli.reports import describe_reports, print_reports
 
-_DETAILS = """For an imitator: the names and the scale of its percepts, its actions, how much it has
-stored, and the demonstrations it learned. Checkpoints of a bare network or forward model are
-described too."""
+if TYPE_CHECKING:
+    from pacnet.imitator.imitator import Imitator
+    from pacnet.network.network import PACNet
+
+_DETAILS = """For an imitator: the names, scale and novelty thresholds of its percepts, its actions,
+how much it has stored, and the demonstrations it learned. Checkpoints of a bare network or forward
+model are described too."""
 _EXAMPLE = """pacnet info imitator
   pacnet info imitator --json | jq .nodes"""
 
@@ -51,40 +55,68 @@ def describe(checkpoint: str) -> dict[str, Any]:
     kind = kind_of(folder)
     document: dict[str, Any] = {"kind": kind, "folder": str(folder), "bytes": size_of(folder)}
     if kind == "Imitator":
-        imitator = load_imitator(folder)
-        config = imitator.config
-        document |= {
-            "fps": config.fps,
-            "targets_are": config.targets,
-            "lead": config.lead if config.targets == "state" else None,
-            **_describe_network(imitator.network, config.percepts),
-            "action": list(config.action),
-            "first_action": imitator.first_action.tolist(),
-            "reports": describe_reports(imitator),
-        }
-    elif kind == "PACNet":
-        network = PACNet.from_pretrained(folder)
-        numbers = tuple(map(str, range(len(network.sofm.scale))))
-        document |= _describe_network(network, {"percept": numbers})
-    else:
-        fields, tensors = read_checkpoint(folder)
-        document["numbers"] = sum(tensor.numel() for tensor in tensors.values())
-        document["settings"] = {name: field for name, field in fields.items() if name != "model"}
+        return document | _describe_imitator(load_imitator(folder))
+    if kind == "PACNet":
+        return document | _describe_network(PACNet.from_pretrained(folder))
+    fields, tensors = read_checkpoint(folder)
+    document["numbers"] = sum(tensor.numel() for tensor in tensors.values())
+    document["settings"] = {name: field for name, field in fields.items() if name != "model"}
     return document
 
 
-def _describe_network(network: Any, percept: Mapping[str, tuple[str, ...]]) -> dict[str, Any]:
-    """Return how much a `PACNet` has stored, and the scale of its percept by feature and name."""
-    lengths, scale = network.schemas.lengths, iter(network.sofm.scale.tolist())
+def _describe_imitator(imitator: Imitator) -> dict[str, Any]:
+    config, memory = imitator.config, imitator.memory
+    scale = config.scaling.scale
+    thresholds = imitator.novelty_detector.thresholds.double().numpy() / scale
+    return {
+        "fps": config.fps,
+        "nodes": len(imitator.sofm),
+        "demonstrations": len(memory),
+        "tasks": list(imitator.tasks),
+        "targets": len(memory.rows),
+        "targets_shown": sum(report.frames for report in imitator.reports),
+        "targets_are": config.targets,
+        "target_dimensions": config.target_dimensions,
+        "lead": config.lead if config.targets == "state" else None,
+        "budget": config.budget,
+        "percept": _by_feature(config.percepts, scale),
+        "thresholds": _by_feature(config.percepts, thresholds.tolist()) if len(memory) else None,
+        "action": list(config.action),
+        "positions": _positions(imitator),
+        "positions_lead": config.follows_after if config.targets == "action" else None,
+        "first_action": imitator.first_action.tolist(),
+        "reports": describe_reports(imitator),
+    }
+
+
+def _positions(imitator: Imitator) -> dict[str, str]:
+    """Return which actions are position targets: name -> name of the dimension that follows."""
+    config = imitator.config
+    if config.targets == "state":
+        return {}
+    pairs = zip(config.action, config.follows, strict=True)
+    return {name: imitator.percept_names[number] for name, number in pairs if number >= 0}
+
+
+def _describe_network(network: PACNet) -> dict[str, Any]:
+    lengths, scale = network.schemas.lengths, network.sofm.scale.tolist()
     return {
         "nodes": len(network.sofm),
         "schemas": int((lengths > 0).sum()),
         "targets": int(lengths.sum()),
         "target_dimensions": network.config.schemas.target_dimensions,
         "behaviours": list(network.behaviours),
-        "percept": {
-            feature: dict(zip(names, scale, strict=False)) for feature, names in percept.items()
-        },
+        "percept": _by_feature({"percept": map(str, range(len(scale)))}, scale),
+    }
+
+
+def _by_feature(
+    names: Mapping[str, Iterable[str]], values: Iterable[float]
+) -> dict[str, dict[str, float]]:
+    """Return the value of each dimension of a percept, by feature and name."""
+    left = iter(values)
+    return {
+        feature: {name: next(left) for name in dimensions} for feature, dimensions in names.items()
     }
 
 
@@ -96,36 +128,72 @@ def _print(document: Mapping[str, Any]) -> None:
         settings = [(name, _brief(value)) for name, value in document["settings"].items()]
         print_pairs([*pairs, ("numbers", f"{document['numbers']:,}"), *settings])
         return
-    print_pairs([*pairs, *_summary(document)])
-    print("\npercept, and the factor on each dimension in distances")
-    rows = [
-        (feature, name, f"{factor:.4g}")
-        for feature, names in document["percept"].items() for name, factor in names.items()
-    ]  # fmt: skip
-    print_table(("<feature", "<dimension", "scale"), rows)
+    is_imitator = "fps" in document
+    print_pairs([*pairs, *(_imitator if is_imitator else _network)(document)])
+    _print_percept(document)
     if document.get("reports"):
         print("\nlearned from")
         print_reports(document["reports"])
 
 
-def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _imitator(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     percept = counted(sum(map(len, document["percept"].values())), "dimension")
-    kind = f"of {counted(document['target_dimensions'], 'dimension')}"
-    if "fps" in document:
-        percept += f" at {document['fps']:g} frames per second"
-        kind = f"{document['targets_are']}s {kind}"
-    if document.get("lead") is not None:
+    shown, budget = document["targets_shown"], document["budget"]
+    kind = f"{document['targets_are']}s of {counted(document['target_dimensions'], 'dimension')}"
+    if document["lead"] is not None:
         kind += f", {counted(document['lead'], 'frame')} ahead; a forward model finds the actions"
-    action = [("action", ", ".join(document["action"]))] if "action" in document else []
-    behaviours = ", ".join(name or "untitled" for name in document["behaviours"])
+    pairs = [
+        ("percept", f"{percept} at {document['fps']:g} frames per second"),
+        ("action", ", ".join(document["action"])),
+        ("nodes", f"{document['nodes']:,}"),
+        ("demonstrations", f"{document['demonstrations']:,}"),
+        ("targets", f"{document['targets']:,} of {shown:,} shown, {kind}"),
+        ("budget", "none, all are kept" if budget is None else f"{budget:,} targets"),
+        ("tasks", ", ".join(name or "untitled" for name in document["tasks"]) or NOTHING),
+    ]
+    if document["positions_lead"] is not None:
+        pairs.insert(2, ("positions", _position_targets(document)))
+    return pairs
+
+
+def _position_targets(document: Mapping[str, Any]) -> str:
+    """Return which actions are places of the state, and by how much they lie ahead of it."""
+    places, lead = document["positions"], document["positions_lead"]
+    if not places:
+        return "no action is a position target"
+    names = (name if name == of else f"{name} (of {of})" for name, of in places.items())
+    which = "every action" if len(places) == len(document["action"]) else ", ".join(names)
+    ahead = f"{counted(lead, 'frame')} ({lead / document['fps']:.2f} s) ahead of the state"
+    return f"{which}, {ahead}"
+
+
+def _network(document: Mapping[str, Any]) -> list[tuple[str, str]]:
+    percept = counted(sum(map(len, document["percept"].values())), "dimension")
+    dimensions = counted(document["target_dimensions"], "dimension")
     return [
         ("percept", percept),
-        *action,
         ("nodes", f"{document['nodes']:,}"),
         ("schemas", f"{document['schemas']:,}"),
-        ("targets", f"{document['targets']:,} {kind}"),
-        ("behaviours", behaviours or NOTHING),
+        ("targets", f"{document['targets']:,} of {dimensions}"),
+        ("behaviours", ", ".join(name or "untitled" for name in document["behaviours"]) or NOTHING),
     ]
+
+
+def _print_percept(document: Mapping[str, Any]) -> None:
+    """Print the dimensions of a percept, with scales and thresholds."""
+    thresholds = document.get("thresholds")
+    about = "" if thresholds is None else "; deviation above which it is novel, in its own unit"
+    print(f"\npercept: factor on each dimension in distances{about}")
+    rows = [
+        (feature, name, f"{factor:.4g}")
+        for feature, names in document["percept"].items() for name, factor in names.items()
+    ]  # fmt: skip
+    if thresholds is None:
+        print_table(("<feature", "<dimension", "scale"), rows)
+        return
+    above = [f"{value:.3g}" for names in thresholds.values() for value in names.values()]
+    table = [(*row, value) for row, value in zip(rows, above, strict=True)]
+    print_table(("<feature", "<dimension", "scale", "novel above"), table)
 
 
 def _brief(value: Any) -> str:

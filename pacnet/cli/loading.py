@@ -68,12 +68,16 @@ def size_of(folder: Path) -> int:
     return sum((folder / name).stat().st_size for name in (CONFIG_FILE, TENSOR_FILE))
 
 
-def load_imitator(checkpoint: str | Path) -> Imitator:
+def load_imitator(checkpoint: str | Path, task: str | None = None) -> Imitator:
     """Load an imitator, also from a LeRobot policy.
+
+    Args:
+        checkpoint: its folder.
+        task: what it is to do, as of `Imitator.reset`.
 
     Raises:
         FileNotFoundError: no checkpoint there.
-        ValueError: it is damaged, or of something else.
+        ValueError: it is damaged, or of something else; or an unknown task.
     """
     folder = existing_checkpoint(checkpoint)
     kind = kind_of(folder)
@@ -82,7 +86,9 @@ def load_imitator(checkpoint: str | Path) -> Imitator:
             f"expected the checkpoint of an Imitator, as `pacnet fit` writes it, in '{folder}', "
             f"got that of a {kind}"
         )
-    return Imitator.from_pretrained(folder)
+    imitator = Imitator.from_pretrained(folder)
+    imitator.reset(task)
+    return imitator
 
 
 def feature_names(imitator: Imitator) -> dict[str, tuple[str, ...]]:

@@ -69,6 +69,15 @@ def add_dataset(parser: argparse.ArgumentParser, about_episodes: str | None = No
     )  # fmt: skip
 
 
+def add_task(parser: argparse.ArgumentParser) -> None:
+    """Add the option --task."""
+    parser.add_argument(
+        "--task", metavar="TEXT",
+        help="follow only what was shown for this task, in the words of the demonstrations; all "
+        "else is novel (whatever fits)",
+    )  # fmt: skip
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add the option --json."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")

@@ -11,9 +11,8 @@ import torch
 from torch import Tensor
 
 from pacnet.cli.printing import progress_bar
-from pacnet.competition.recognition import Recognition
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
-from pacnet.evaluation.recognized import RecognizedEpisode, concatenate
+from pacnet.evaluation.recognized import RecognizedEpisode
 from pacnet.imitator.imitator import Imitator
 from pacnet.imitator.records import ImitatorStep
 from pacnet.kernels.threads import use_one_thread
@@ -36,16 +35,18 @@ class ReplayedEpisode:
     """The result of an imitator's run over an episode of T frames.
 
     Attributes:
-        recognized: the episode and its recognition, with the imitator's novelty.
+        recognized: the episode and its recognition, with the novelty of the imitator's steps.
         dimension: for each frame, the name of the dimension with the largest novelty.
         acts: whether it would have acted, bool `[T]`.
         reasons: for each frame, why it would have acted or held.
+        progress: share of what it follows that is over after the last frame, from 0 to 1.
     """
 
     recognized: RecognizedEpisode
     dimension: tuple[str, ...]
     acts: Tensor
     reasons: tuple[str, ...]
+    progress: float
 
     @property
     def holds_because(self) -> str | None:
@@ -55,26 +56,36 @@ class ReplayedEpisode:
         return reason
 
 
-def replay(imitator: Imitator, demonstrations: Demonstrations) -> Iterator[ReplayedEpisode]:
-    """Run over one episode after the other, each from its start, with a progress bar."""
+def replay(
+    imitator: Imitator, demonstrations: Demonstrations, task: str | None = None
+) -> Iterator[ReplayedEpisode]:
+    """Run over one episode after the other, each from its start, with a progress bar.
+
+    Args:
+        imitator: it begins recall episodes.
+        demonstrations: of the imitator's features.
+        task: as of `Imitator.reset`; what is recognised may be any.
+    """
     use_one_thread()
     frames = sum(len(shown.state) for shown in demonstrations)
     with progress_bar("watching", frames) as advance:
         for shown in demonstrations:
-            yield _replay_one(imitator, shown, advance)
+            yield _replay_one(imitator, shown, task, advance)
 
 
 def _replay_one(
-    imitator: Imitator, shown: Demonstration, advance: Callable[[int], object]
+    imitator: Imitator,
+    shown: Demonstration,
+    task: str | None,
+    advance: Callable[[int], object],
 ) -> ReplayedEpisode:
-    imitator.reset()
-    parts: list[Recognition] = []
+    imitator.reset(task)
+    recognition = imitator.recognise(shown.percepts)
     steps: list[ImitatorStep] = []
     for percepts in shown.percepts.split(_BLOCK):
-        parts.append(imitator.network.recognise(percepts))
         steps += map(imitator.step, percepts.numpy())
         advance(len(percepts))
-    recognition = concatenate(parts)._replace(
+    recognition = recognition._replace(  # the steps know only what was shown for the task
         novelty=torch.tensor([step.novelty for step in steps]),
         is_novel=torch.tensor([step.is_novel for step in steps]),
     )
@@ -83,20 +94,17 @@ def _replay_one(
         tuple(step.dimension for step in steps),
         torch.tensor([step.action is not None for step in steps]),
         tuple(reason_of(step).short for step in steps),
+        steps[-1].progress,
     )
 
 
 def reason_of(step: ImitatorStep) -> Reason:
     """Return why there is an action, or none."""
-    decision = step.decision
+    if not step.followed:
+        return Reason("nothing to follow", "no demonstration is kept that could be followed")
     if step.is_novel:
         return Reason("novel percept", f"the percept is novel in {step.dimension}")
-    if decision.is_novel:
-        return Reason("no match", "no node of the map matches the percept")
-    if decision.target is None:
-        where = f"of node {decision.winner} or near the percept"
-        return Reason("no confident schema", f"no motor schema {where} is confident")
     if step.action is None:
         sentence = "the forward model finds no action that leads to the target"
         return Reason("no action found", sentence)
-    return Reason("known", "the percept is known and a motor schema is confident")
+    return Reason("known", "the percept is known")

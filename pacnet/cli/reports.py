@@ -15,25 +15,17 @@ if TYPE_CHECKING:
 _HEADS = (
     "<dataset", "episode", "<task", "frames", "new nodes", "nodes", "stored", "novelty",
 )  # fmt: skip
-_LEGEND = """stored: share of the frames for which motor schemas hold a target
+_LEGEND = """stored: share of the frames that are kept; all of them unless there is a budget
 novelty: largest novelty before the episode was learned; above 1 it was novel"""
 
 
 def describe_reports(imitator: Imitator) -> list[dict[str, Any]]:
     """Return the report of each episode learned, with the share of frames stored, for JSON."""
-    import numpy as np
-
-    schemas = imitator.schemas
-    visits = {name: schemas.visits.live(name).numpy() for name in schemas.visits.columns}
-    numbers = schemas.episodes.live("number").numpy()[visits["episode"]]
-    rows = []
-    for number, report in enumerate(imitator.reports):
-        stored = np.zeros(report.frames, dtype=bool)
-        own = numbers == number
-        for first, last in zip(visits["first"][own], visits["last"][own], strict=True):
-            stored[first : last + 1] = True
-        rows.append(report._asdict() | {"stored_share": float(stored.mean())})
-    return rows
+    kept = imitator.memory.demonstrations.live("rows").tolist()
+    return [
+        report._asdict() | {"stored_share": rows / report.frames}
+        for report, rows in zip(imitator.reports, kept, strict=True)
+    ]
 
 
 def count_episodes(reports: Sequence[EpisodeReport]) -> int:

@@ -13,6 +13,7 @@ from pacnet.cli.parsing import (
     add_checkpoint,
     add_command,
     add_dataset,
+    add_task,
     check_folder,
     path,
 )
@@ -22,18 +23,19 @@ if TYPE_CHECKING:
     from pacnet.cli.replay import ReplayedEpisode
 
 _DETAILS = """The imitator runs over each episode from its start, without acting or learning. The
-output says which behaviour it recognises, where the percepts are unlike the training data, and in
+output says which task it recognises, where the percepts are unlike the training data, and in
 which dimension."""
 _EXAMPLE = "pacnet watch imitator recordings/new --out pictures"
 _HEADS = (
     "episode", "<task", "<recognised as", "probability", "since", "novel frames", "max novelty",
-    "<in", "at", "acts", "<holds because",
+    "<in", "at", "acts", "<holds because", "progress",
 )  # fmt: skip
-_LEGEND = """recognised as: the likeliest known behaviour at the end; new if the last frame is novel
-probability, since: of that behaviour among the known ones, and since when it was the likeliest
+_LEGEND = """recognised as: the likeliest known task at the end; new if the last frame is novel
+probability, since: of that task among the known ones, and since when it was the likeliest
 max novelty, in, at: largest novelty, its dimension and time; novelty above 1 is novel
 acts: share of frames at which it would act on a robot; at the others it would hold
-holds because: the commonest reason; `pacnet explain` gives the numbers of a single frame"""
+holds because: the commonest reason; `pacnet explain` gives the numbers of a single frame
+progress: share of what it follows that is over at the last frame, if that is not novel"""
 
 
 def add_to(commands: Commands) -> None:
@@ -42,6 +44,7 @@ def add_to(commands: Commands) -> None:
     parser = add_command(commands, "watch", summary, _DETAILS, _EXAMPLE, run)
     add_checkpoint(parser)
     add_dataset(parser)
+    add_task(parser)
     parser.add_argument(
         "--out", type=path, metavar="DIR",
         help="draw a figure of each episode over time to DIR/episode_NNN.png",
@@ -60,12 +63,12 @@ def run(arguments: argparse.Namespace) -> None:
     from pacnet.cli.replay import replay
     from pacnet.evaluation.recognized import display_names
 
-    imitator = load_imitator(arguments.checkpoint)
+    imitator = load_imitator(arguments.checkpoint, arguments.task)
     demonstrations = load_percepts(imitator, arguments)
     _make_folders(arguments)
-    episodes = list(replay(imitator, demonstrations))
+    episodes = list(replay(imitator, demonstrations, arguments.task))
     fps = demonstrations.fps
-    behaviours = display_names(imitator.network.behaviours)
+    behaviours = display_names(imitator.tasks)
     print_table(_HEADS, [_row(episode, behaviours, fps) for episode in episodes])
     print(_LEGEND)
     written = []
@@ -94,12 +97,13 @@ def _make_folders(arguments: argparse.Namespace) -> None:
 def _row(episode: ReplayedEpisode, behaviours: Sequence[str], fps: float) -> tuple[str, ...]:
     recognition, shown = episode.recognized.recognition, episode.recognized.demonstration
     most = int(recognition.novelty.argmax())
-    recognised = ("new", NOTHING, NOTHING)
+    recognised, progress = ("new", NOTHING, NOTHING), NOTHING
     if not recognition.is_novel[-1]:
         number = int(recognition.behaviour[-1])
         probability = float(recognition.probability[-1, number])
         since = episode.recognized.stable_from / fps
         recognised = (behaviours[number], f"{probability:.1%}", f"{since:.2f} s")
+        progress = f"{episode.progress:.1%}"
     return (
         f"{shown.episode}",
         shown.task or "untitled",
@@ -110,6 +114,7 @@ def _row(episode: ReplayedEpisode, behaviours: Sequence[str], fps: float) -> tup
         f"{most / fps:.2f} s",
         f"{float(episode.acts.double().mean()):.1%}",
         episode.holds_because or NOTHING,
+        progress,
     )
 
 

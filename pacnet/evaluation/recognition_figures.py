@@ -119,7 +119,7 @@ def _draw_novelty(axes: Axes, seconds: NDArray, novelty: NDArray, threshold: flo
         seconds, novelty, marker=marker, markersize=9, color=INK, linewidth=1.2, clip_on=False
     )
     axes.axhline(threshold, color=INK, linestyle=":", linewidth=1.4)
-    axes.set_ylim(0, max(1, 1.05 * float(novelty.max())))
+    axes.set_ylim(0, max(1, 1.05 * float(novelty.max(initial=0, where=np.isfinite(novelty)))))
 
 
 def _draw_holds(axes: Axes, edges: NDArray, holds: NDArray) -> None:
