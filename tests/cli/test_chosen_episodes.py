@@ -214,16 +214,13 @@ def test_explain_names_frames_of_the_episode_not_of_its_part(
     line = ("explain", tmp_path / "out", gapped, "--episode", 2, "--frame", 70, "--json")
     assert run(*line) == 0
     document = json.loads(capsys.readouterr().out)
-    origins = [(row["episode"], row["frame"], row["seconds"]) for row in document["origins"]]
-    # The one demonstration that it knows shows this very frame.
-    assert origins
     with pytest.warns(DatasetWarning, match="gap"):
         shown = load_demonstrations(gapped, episodes=[2]).episodes[0]
-    for episode, frame, seconds in origins:
-        assert episode == 2
-        assert abs(frame - 70) <= 2
-        assert seconds == frame / 20
-    assert document["action"]["right"] == float(shown.action[origins[0][1]][0])
+    first = document["followed"][0]  # the part that shows this very frame
+    assert first["episode"] == 2
+    assert abs(first["frame"] - 70) <= 2
+    assert first["seconds"] == first["frame"] / 20
+    assert list(first["target"].values()) == shown.action[first["frame"]].tolist()
 
 
 def test_watch_runs_over_whole_episodes(

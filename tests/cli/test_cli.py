@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from command_line import (
@@ -25,12 +26,16 @@ from command_line import (
     process,
     record,
     refusal,
+    rows_under,
     run,
+    value_of,
 )
 from tqdm import tqdm
 
 import pacnet
-from pacnet.network import PACNet
+from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.recorder import Recorder
+from pacnet.imitator import Imitator
 
 
 def test_it_tells_its_version(capsys: pytest.CaptureFixture[str]):
@@ -106,6 +111,50 @@ def test_a_dataset_of_another_rate_is_one_line(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("command", ["watch", "export", "explain"])
+def test_an_unknown_task_is_one_line_with_the_known_ones(
+    command: str, imitator: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    line = command_line(command, imitator, other, tmp_path / "out")
+    message = refusal(capsys, *line, "--task", "juggle")
+    assert message == "error: expected a task that was shown: 'drink', 'wave', got 'juggle'\n"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["watch", "export", "explain"])
+def test_a_task_is_known_whatever_its_blanks(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    root = record(tmp_path / "blanks", ("drink  beer", " drink beer "), 1011)
+    assert run("fit", root, "--out", tmp_path / "in") == 0
+    assert run("info", tmp_path / "in") == 0
+    assert value_of("tasks", capsys.readouterr().out.split("\ncheckpoint ")[-1]) == "drink beer"
+    line = command_line(command, tmp_path / "in", root, tmp_path / "out")
+    assert run(*line, "--task", "\tdrink   beer") == 0
+
+
+def test_an_episode_of_one_frame_goes_through_all_commands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    root = record(tmp_path / "one", ("drink", "wave"), 1012)
+    frame = {STATE: np.zeros((1, 2)), SURROUNDINGS: np.ones((1, 1)), ACTION: np.float64([[2, 3]])}
+    with Recorder(root, 20, NAMES) as recorder:
+        recorder.save_episode("blink", frame)
+    assert run("fit", root, "--out", tmp_path / "in") == 0
+    assert rows_under("dataset", capsys.readouterr().out)[2][2:4] == ["blink", "1"]
+    task = ("--task", "blink")
+    assert run("watch", tmp_path / "in", root, *task, "--out", tmp_path / "pictures") == 0
+    row = rows_under("episode", capsys.readouterr().out)[2]
+    assert [row[0], row[2], *row[5:7]] == ["2", "blink", "0.0%", "0.00"]
+    assert float(row[3].removesuffix("%")) > 90
+    assert row[-1] == "100.0%"  # its only frame is its last
+    assert run("explain", tmp_path / "in", root, "--episode", 2, "--frame", 0, *task) == 0
+    rows = rows_under("name", capsys.readouterr().out)
+    assert rows[:2] == [["right", "2", "2"], ["up", "3", "3"]]
+    assert run("export", tmp_path / "in", root, "--out", tmp_path / "copy") == 0
+    assert len(load_demonstrations(tmp_path / "copy").episodes[2].state) == 1
+
+
 @pytest.mark.parametrize("command", ["fit", "watch"])
 def test_a_file_where_a_folder_is_to_be_is_one_line(
     command: str, imitator: Path, other: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -135,6 +184,7 @@ def test_a_folder_where_a_file_is_to_be_is_one_line(
             "fit data --out out --targets state --lead 0",
             "--lead: expected a whole number ≥ 1, got '0'",
         ),
+        ("fit data --out out --budget 0", "--budget: expected a whole number ≥ 1, got '0'"),
         ("fit '' --out out", "DATASET: expected the name of a file or folder, got an empty one"),
         ("fit data --out ''", "--out: expected the name of a file or folder, got an empty one"),
         ("watch in data --out ''", "--out: expected the name of a file or folder"),
@@ -159,6 +209,7 @@ def test_wrong_usage_is_explained(
         ("fit", "data", "--out", "out", "--targets", "state", "--lead", "0"),
         ("fit", "data", "--out", "out", "--from", "in", "--targets", "state"),
         ("fit", "data", "--out", "out", "--from", "in", "--lead", "2"),
+        ("fit", "data", "--out", "out", "--from", "in", "--budget", "9"),
         ("fit", "data", "--out", "out", "--corrections"),
         ("explain", "in", "data", "--episode", "-1", "--frame", "0"),
         ("explain", "in", "data", "--episode", "0"),
@@ -222,14 +273,14 @@ def test_it_takes_no_more_than_one_thread(
     command: str, imitator: Path, other: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     threads = []
-    method = "update" if command == "fit" else "step_on"
-    work = getattr(PACNet, method)
+    method = "learn" if command == "fit" else "step"
+    work = getattr(Imitator, method)
 
-    def counting(self: PACNet, *given: Any, **named: Any) -> Any:
+    def counting(self: Imitator, *given: Any, **named: Any) -> Any:
         threads.append(torch.get_num_threads())
         return work(self, *given, **named)
 
-    monkeypatch.setattr(PACNet, method, counting)
+    monkeypatch.setattr(Imitator, method, counting)
     torch.set_num_threads(2)
     assert run(*command_line(command, imitator, other, tmp_path / "out")) == 0
     assert set(threads) == {1}

@@ -33,8 +33,7 @@ def test_export_adds_the_imitators_output_as_columns(
         assert torch.equal(copy.action, shown.action)
         known.reset()
         steps = [known.step(percept) for percept in shown.percepts]
-        known.reset()
-        named = known.network.recognise(shown.percepts)
+        named = known.recognise(shown.percepts)
         assert column["is_novel"] == [step.is_novel for step in steps]
         assert column["winner"] == named.winner.tolist()
         expected = {
@@ -46,6 +45,20 @@ def test_export_adds_the_imitators_output_as_columns(
         }
         for name, values in expected.items():
             np.testing.assert_allclose(column[name], values, rtol=1e-5, atol=1e-6)
+
+
+def test_export_follows_only_the_task_asked_for(imitator: Path, other: Path, tmp_path: Path):
+    assert run("export", imitator, other, "--task", "drink", "--out", tmp_path / "copy") == 0
+    table = pq.read_table(tmp_path / "copy" / "data" / "chunk-000" / "file-000.parquet")
+    known, (waving, *_) = Imitator.from_pretrained(imitator), load_demonstrations(other)
+    known.reset("drink")
+    steps = [known.step(percept) for percept in waving.percepts]
+    novelty = table["novelty"].to_pylist()[:80]
+    np.testing.assert_allclose(novelty, [step.novelty for step in steps], rtol=1e-6)
+    assert max(novelty) > 1
+    behaviour = np.array(table["behaviour"].to_pylist()[:80])
+    np.testing.assert_allclose(behaviour, known.recognise(waving.percepts).probability, rtol=1e-6)
+    assert behaviour[-1, 1] > 0.9  # it is seen to wave all the same
 
 
 def test_export_leaves_videos_out_on_request(imitator: Path, other: Path, tmp_path: Path):

@@ -21,6 +21,7 @@ from command_line import (
     value_of,
 )
 
+from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.imitator import Imitator
 
 
@@ -31,7 +32,7 @@ def test_fit_prints_what_each_episode_changed(
     out, error = capsys.readouterr()
     assert unannounced(error) == ""  # no progress bar outside a terminal
     rows = rows_under("dataset", out)
-    saved = Imitator.from_pretrained(tmp_path / "out").network
+    saved = Imitator.from_pretrained(tmp_path / "out")
     assert [row[:4] for row in rows] == [
         ["shown", str(number), task, "80"] for number, task in enumerate(("drink", "wave") * 3)
     ]
@@ -42,29 +43,34 @@ def test_fit_prints_what_each_episode_changed(
     assert novelty[0] == "–"
     assert float(novelty[1]) > 1  # the first that waves
     assert max(map(float, novelty[2:])) < float(novelty[1]) / 2
-    assert int(value_of("schemas", out)) == len(saved.schemas.lengths)
-    assert value_of("targets", out) == f"{int(saved.schemas.lengths.sum())} actions"
+    assert [row[6] for row in rows] == ["100.0%"] * 6
+    assert value_of("tasks", out) == "2"
+    assert value_of("targets", out) == "480 actions"
     assert value_of("learned", out).startswith("6 episodes, 480 frames in ")
 
 
-def test_fit_prints_the_share_of_each_episode_that_is_stored(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_fit_keeps_within_a_budget(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    for frames in (80, 24, 4):
-        root = record(tmp_path / f"{frames}", ("drink",), 1010, frames)
-        assert run("fit", root, "--out", tmp_path / f"trained{frames}") == 0
-        ((*_, stored, _),) = rows_under("dataset", capsys.readouterr().out)
-        schemas = Imitator.from_pretrained(tmp_path / f"trained{frames}").network.schemas
-        # Of one episode alone no target is merged with another's: each has a frame of its own.
-        kept = {
-            frame
-            for schema in range(len(schemas.lengths))
-            for frame in schemas.frames(schema).tolist()
-        }
-        assert stored == f"{len(kept) / frames:.1%}"
-        assert run("info", tmp_path / f"trained{frames}") == 0
-        assert rows_under("dataset", capsys.readouterr().out)[0][6] == stored
-    assert stored == "0.0%"
+    assert run("fit", dataset, "--budget", 100, "--out", tmp_path / "out") == 0
+    out = capsys.readouterr().out
+    saved, shown = Imitator.from_pretrained(tmp_path / "out"), load_demonstrations(dataset)
+    python = Imitator.from_demonstrations(shown, budget=100)
+    python.learn(shown)
+    assert_equal(saved, python)
+    assert value_of("targets", out) == "100 actions of 480 shown"
+    # By a second method: the frames of each demonstration that are among what is kept.
+    kept, scale = saved.memory.rows.live("percept").numpy(), saved.config.scaling.array
+    shares = [
+        f"{np.mean([(row == kept).all(axis=1).any() for row in one.percepts.numpy() * scale]):.1%}"
+        for one in shown
+    ]
+    assert [row[6] for row in rows_under("dataset", out)] == shares
+    assert run("info", tmp_path / "out") == 0
+    assert [row[6] for row in rows_under("dataset", capsys.readouterr().out)] == shares
+    more = ("fit", dataset, "--from", tmp_path / "out", "--out", tmp_path / "more")
+    assert run(*more) == 0  # the budget stays
+    assert value_of("targets", capsys.readouterr().out) == "100 actions of 960 shown"
 
 
 def test_fit_writes_what_python_learns(dataset: Path, imitator: Path):
@@ -97,7 +103,8 @@ def test_fit_with_corrections_leaves_thresholds_alone(dataset: Path, other: Path
         for name in ("one", "corrected", "both")
     )
     assert np.array_equal(corrected.thresholds, one.thresholds)
-    assert len(both.episodes) > len(corrected.episodes) == len(one.episodes)
+    assert not np.array_equal(both.thresholds, one.thresholds)
+    assert [int(detector.compared) for detector in (one, corrected, both)] == [6, 6, 9]
 
 
 def test_fit_replaces_a_checkpoint_only_when_asked(
@@ -156,16 +163,13 @@ def test_fit_can_aim_at_states(dataset: Path, tmp_path: Path, capsys: pytest.Cap
     assert "states of 2 dimensions, 3 frames ahead" in capsys.readouterr().out
 
 
-def test_fit_says_when_no_targets_were_stored(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_four_frames_are_enough_to_act(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     root = record(tmp_path / "short", ("drink",), 1003, frames=4)
     assert run("fit", root, "--out", tmp_path / "out") == 0
-    out, error = capsys.readouterr()
-    assert value_of("targets", out) == "0 actions"
-    assert error.startswith("note: no targets were stored")
-    assert error.count("\n") == 1
-    assert "expected a network that has learned schemas" in refusal(
-        capsys, "watch", tmp_path / "out", root
-    )
+    assert value_of("targets", capsys.readouterr().out) == "4 actions"
+    assert run("watch", tmp_path / "out", root) == 0
+    (row,) = rows_under("episode", capsys.readouterr().out)
+    assert row[-3:] == ["100.0%", "–", "100.0%"]
 
 
 @pytest.mark.slow

@@ -13,8 +13,10 @@ from pacnet.imitator import Imitator
 NAMES = ["imitator", "1-NN", "5-NN", "5-NN with history", "repeating the last action"]
 
 
-def learned(demonstrations: Demonstrations, targets: str = "action") -> Imitator:
-    imitator = Imitator.from_demonstrations(demonstrations, targets)
+def learned(
+    demonstrations: Demonstrations, targets: str = "action", budget: int | None = None
+) -> Imitator:
+    imitator = Imitator.from_demonstrations(demonstrations, targets, budget=budget)
     imitator.learn(demonstrations)
     return imitator
 
@@ -62,6 +64,18 @@ def test_imitators_left_out_in_turn_have_the_chosen_targets(
     assert run("fit", root, *states, "--out", tmp_path / "out") == 0
     parted = splits(load_demonstrations(root), every=2)
     assert_printed(score(parted, lambda one: learned(one, "state")), capsys.readouterr().out)
+
+
+def test_imitators_left_out_in_turn_have_the_budget(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    options = ("--budget", 30, "--held-out", 5)
+    assert run("fit", dataset, *options, "--out", tmp_path / "out") == 0
+    demonstrations = load_demonstrations(dataset)
+    assert_equal(Imitator.from_pretrained(tmp_path / "out"), learned(demonstrations, budget=30))
+    scores = score(splits(demonstrations), lambda one: learned(one, budget=30))
+    assert_printed(scores, capsys.readouterr().out)
+    assert scores.error != score(splits(demonstrations)).error
 
 
 def test_one_episode_is_too_few_and_nothing_is_written(

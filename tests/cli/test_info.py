@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import (
+    ACTION,
     PROJECT,
     STATE,
     SURROUNDINGS,
@@ -20,6 +21,7 @@ from command_line import (
 from safetensors.torch import load_file
 
 from pacnet.datasets.demonstrations import load_demonstrations
+from pacnet.datasets.recorder import Recorder
 
 
 def test_info_prints_what_was_learned(
@@ -31,13 +33,18 @@ def test_info_prints_what_was_learned(
     assert "Imitator" in value_of("checkpoint", out)
     assert value_of("percept", out) == "3 dimensions at 20 frames per second"
     assert value_of("action", out) == "right, up"
-    assert value_of("behaviours", out) == "drink, wave"
-    assert int(value_of("nodes", out)) == len(known.network.sofm)
-    scale = known.network.sofm.scale.tolist()
+    assert value_of("positions", out) == "no action is a position target"
+    assert value_of("tasks", out) == "drink, wave"
+    assert int(value_of("nodes", out)) == len(known.sofm)
+    assert value_of("demonstrations", out) == "6"
+    assert value_of("targets", out) == "480 of 480 shown, actions of 2 dimensions"
+    assert value_of("budget", out) == "none, all are kept"
+    scale = known.config.scaling.scale
+    thresholds = known.novelty_detector.thresholds.numpy() / scale
     assert rows_under("feature", out)[:3] == [
-        [feature, name, f"{factor:.4g}"]
-        for feature, name, factor in zip(
-            (STATE, STATE, SURROUNDINGS), ("x", "y", "z"), scale, strict=True
+        [feature, name, f"{factor:.4g}", f"{threshold:.3g}"]
+        for feature, name, factor, threshold in zip(
+            (STATE, STATE, SURROUNDINGS), ("x", "y", "z"), scale, thresholds, strict=True
         )
     ]
     assert [row[:3] for row in rows_under("dataset", out)] == [
@@ -52,18 +59,48 @@ def test_info_as_json_has_the_same(
     document = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     known = trained(dataset)
     assert document["kind"] == "Imitator"
-    assert document["behaviours"] == ["drink", "wave"]
+    assert document["tasks"] == ["drink", "wave"]
     assert document["action"] == ["right", "up"]
     assert (document["fps"], document["targets_are"], document["lead"]) == (20, "action", None)
-    assert document["nodes"] == len(known.network.sofm)
-    assert document["targets"] == int(known.network.schemas.lengths.sum())
+    assert document["nodes"] == len(known.sofm)
+    assert (document["demonstrations"], document["budget"]) == (6, None)
+    assert (document["targets"], document["targets_shown"]) == (480, 480)
+    assert document["positions"] == {}
     assert list(document["percept"][STATE]) == ["x", "y"]
-    assert document["percept"][SURROUNDINGS]["z"] == float(known.network.sofm.scale[2])
+    assert document["percept"][SURROUNDINGS]["z"] == known.config.scaling.scale[2]
+    far = known.step(np.float32([0, 0, 100]))  # the threshold is that of a step, in its own unit
+    assert (far.dimension, far.threshold) == ("z", document["thresholds"][SURROUNDINGS]["z"])
     assert [report["episode"] for report in document["reports"]] == list(range(6))
     assert document["reports"][0]["max_novelty"] is None
     assert document["bytes"] == sum(file.stat().st_size for file in imitator.iterdir())
     first = np.mean([shown.action[0].numpy() for shown in load_demonstrations(dataset)], axis=0)
     assert document["first_action"] == pytest.approx(first, rel=1e-5)
+
+
+def test_info_names_the_actions_that_are_position_targets(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    names = {STATE: ("elbow", "wrist"), ACTION: ("elbow", "speed", "hand")}
+    time = np.linspace(0, 6, 120)
+    state = np.stack([np.sin(time), np.cos(1.7 * time)], axis=1)
+    later = np.concatenate([state[3:], state[-1:].repeat(3, axis=0)])  # where it then goes
+    rng = np.random.default_rng(1013)
+    action = np.stack([later[:, 0], rng.standard_normal(120), later[:, 1]], axis=1)
+    with Recorder(tmp_path / "arm", 20, names) as recorder:
+        recorder.save_episode("swing", {STATE: state, ACTION: action})
+    assert run("fit", tmp_path / "arm", "--budget", 50, "--out", tmp_path / "out") == 0
+    capsys.readouterr()
+    assert run("info", tmp_path / "out") == 0
+    out = capsys.readouterr().out
+    assert value_of("positions", out) == (
+        "elbow, hand (of wrist), 3 frames (0.15 s) ahead of the state"
+    )
+    assert value_of("targets", out) == "50 of 120 shown, actions of 3 dimensions"
+    assert value_of("budget", out) == "50 targets"
+    assert run("info", tmp_path / "out", "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["positions"] == {"elbow": "elbow", "hand": "wrist"}
+    assert document["positions_lead"] == 3
 
 
 @pytest.mark.parametrize("name", sorted(path.name for path in (PROJECT / "checkpoints").iterdir()))

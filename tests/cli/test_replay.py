@@ -7,42 +7,38 @@ import pytest
 
 from pacnet.cli.replay import reason_of
 from pacnet.imitator import ImitatorStep
-from pacnet.network import Decision
+from pacnet.imitator.records import Followed
 
-KNOWN = Decision(
-    target=np.zeros(2),
-    has_target=True,
-    winner=7,
-    activation=0.9,
+KNOWN = ImitatorStep(
+    action=np.zeros(2, np.float32),
     is_novel=False,
-    offset=0,
-    schema=3,
+    novelty=0.5,
+    dimension="elbow",
+    deviation=0.1,
+    threshold=0.2,
+    progress=0.3,
+    is_done=False,
+    followed=(Followed(0, 7, 1.0),),
+    target=np.zeros(2, np.float32),
 )
 
 
 @pytest.mark.parametrize(
-    ("decision", "changes", "sentence"),
+    ("changes", "short", "sentence"),
     [
-        (KNOWN, {}, "the percept is known and a motor schema is confident"),
-        (KNOWN, {"is_novel": True, "action": None}, "the percept is novel in elbow"),
+        ({}, "known", "the percept is known"),
+        ({"is_novel": True, "action": None}, "novel percept", "the percept is novel in elbow"),
         (
-            KNOWN._replace(target=None, is_novel=True),
-            {"is_novel": True, "action": None},
-            "the percept is novel in elbow",  # which says more than that nothing matches
-        ),
-        (
-            KNOWN._replace(target=None, is_novel=True),
             {"action": None},
-            "no node of the map matches the percept",
+            "no action found",
+            "the forward model finds no action that leads to the target",
         ),
         (
-            KNOWN._replace(target=None),
-            {"action": None},
-            "no motor schema of node 7 or near the percept is confident",
+            {"is_novel": True, "action": None, "followed": (), "target": None},
+            "nothing to follow",  # which says more than that all is novel
+            "no demonstration is kept that could be followed",
         ),
-        (KNOWN, {"action": None}, "the forward model finds no action that leads to the target"),
     ],
 )
-def test_every_decision_has_a_reason(decision: Decision, changes: dict[str, Any], sentence: str):
-    step = ImitatorStep(np.zeros(2), False, 0.5, "elbow", 0.1, 0.2, decision)
-    assert reason_of(step._replace(**changes)).sentence == sentence
+def test_every_step_has_a_reason(changes: dict[str, Any], short: str, sentence: str):
+    assert reason_of(KNOWN._replace(**changes)) == (short, sentence)

@@ -1,5 +1,6 @@
 """The figure of a recognized episode."""
 
+import math
 from itertools import pairwise
 from pathlib import Path
 
@@ -75,6 +76,13 @@ def test_any_episode_can_be_drawn(tmp_path: Path):
         recognition_over_time(recognition, names[1:], 0.5, 0.1, "Episode")
     with pytest.raises(ValueError, match="expected timestep > 0"):
         recognition_over_time(recognition, names, 0.5, 0.0, "Episode")
+
+
+def test_an_episode_without_anything_to_compare_it_with_can_be_drawn(tmp_path: Path):
+    endless = make_recognition([1, 0, 1], [0.0, 0.5, 1.0], [0.1, math.inf, 2.0])
+    figure = recognition_over_time(endless, BEHAVIOURS, 0.5, 0.1, "Episode")
+    figure.savefig(tmp_path / "figure.png")
+    assert figure.axes[2].get_ylim() == pytest.approx((0, 2.1))
 
 
 def test_a_band_under_the_novelty_marks_where_the_robot_would_hold():
