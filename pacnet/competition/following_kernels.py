@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from pacnet.kernels.caching import cached_njit
-from pacnet.schemas.changes import change_at
+from pacnet.schemas.change_kernels import change_at
 
 FOLLOWED = 16  # demonstrations that are followed at once
 BLENDED = 5  # of them decide together
