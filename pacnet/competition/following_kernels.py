@@ -16,14 +16,15 @@ from pacnet.schemas.change_kernels import change_at
 
 FOLLOWED = 16  # demonstrations that are followed at once
 BLENDED = 5  # of them decide together
-STIFFNESS = 1.0  # of time: what a frame too early or late costs, in usual steps
+STIFFNESS = 2.0  # of time: what a frame too early or late costs, in usual steps
 PULL = 0.5  # share of the difference from the expected time that is made good at once
 CHANGE_WEIGHT = 0.3  # of the change beside the percept, in choosing what to follow
 JUMP_CHANGE_WEIGHT = 0.1  # the same, in judging whether another moment fits better
 JUMP = 0.3  # by how much another moment must fit better, on average, to be taken instead
-LATE_START = 1.0  # what it costs to begin a demonstration in its middle
+LATE_START = 0.3  # what it costs to begin a demonstration in its middle
 RETAINED = 0.6  # share of a deviation that a position target keeps; the rest is led back at once
 SOFTNESS = 0.1  # mismatch, as a distance, that halves a weight
+FAR = 3.0  # times as badly as the best must one fit to be left out of the blend
 NOTHING = 1e300
 NO_ONE = -1
 _SUM = {"contract", "reassoc", "nsz"}  # sums in any order, so that they are vectorised
@@ -206,10 +207,12 @@ def _weigh(shown, state):
         best = _next_best(state)
         if best == NO_ONE:
             break
-        state.weight[best] = 1 / (math.sqrt(state.mismatch[best]) + SOFTNESS)
-        total += state.weight[best]
-        heaviest = state.heaviest[0]
-        if heaviest == NO_ONE or state.weight[best] > state.weight[heaviest]:
+        weight, heaviest = 1 / (math.sqrt(state.mismatch[best]) + SOFTNESS), state.heaviest[0]
+        if heaviest != NO_ONE and FAR * weight < state.weight[heaviest]:
+            break
+        state.weight[best] = weight
+        total += weight
+        if heaviest == NO_ONE or weight > state.weight[heaviest]:
             state.heaviest[0] = best
     for slot in range(FOLLOWED):
         if state.weight[slot] > 0:
