@@ -18,6 +18,8 @@ pytest.importorskip("lerobot_policy_pacnet")
 
 import gymnasium
 from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
+from lerobot.envs.factory import make_env
+from lerobot.envs.utils import add_envs_task, preprocess_observation
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot_policy_pacnet.acting import MOVING
 from lerobot_policy_pacnet.description import DatasetDescription
@@ -829,10 +831,20 @@ def test_tasks_are_in_the_words_of_the_demonstrations():
     for seed in range(6):
         readings = environment.reset(seed=seed)[0]["agent_pos"]
         side = "left" if readings[0] > readings[-1] else "right"
-        seen.append(environment.get_wrapper_attr("task_description"))
+        seen.append(environment.task_description)  # of the outermost wrapper, as LeRobot asks
         assert seen[-1] == task_of(side)
     assert len(set(seen)) == 2
     environment.close()
+
+
+def test_lerobot_passes_the_task_on():
+    pytest.importorskip("dm_control")
+    config = PACNetEnv(task="Toast-v0")
+    vector = next(iter(make_env(config, n_envs=2)["pacnet"].values()))
+    observation, _ = vector.reset(seed=[0, 1])
+    passed = add_envs_task(vector, preprocess_observation(observation))
+    assert passed["task"] == ["toast, then drink a glass of beer"] * 2
+    vector.close()
 
 
 def test_following_a_wall_is_a_success_and_standing_still_is_not():

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import gymnasium
+from gymnasium.envs.registration import WrapperSpec
 from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.envs.configs import EnvConfig
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
@@ -47,6 +48,7 @@ for _name, _task in TASKS.items():
         entry_point=_task.entry_point,
         max_episode_steps=_task.episode_steps,
         kwargs=_task.arguments,
+        additional_wrappers=(WrapperSpec("Told", "lerobot_policy_pacnet.scenes:Told", {}),),
     )
 
 

@@ -44,7 +44,7 @@ class Scene(gymnasium.Env[dict[str, Any], np.ndarray]):
     def __init__(self, scene: Any, task: str, description: str, picture_every: int) -> None:
         self.scene = scene
         self.render_mode = scene.render_mode
-        self.task, self.task_description = task, description
+        self.scene_task, self.scene_description = task, description
         self._picture_every = picture_every
         self._picture: np.ndarray | None = None
         self._asked = 0  # number of calls since the last picture was rendered
@@ -64,6 +64,24 @@ class Scene(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Reset the environment and return the observation."""
         self._picture = None
         return self.scene.reset(**options)[0]
+
+
+class Told(gymnasium.Wrapper, gymnasium.utils.RecordConstructorArgs):
+    """Says what to do around all other wrappers, where LeRobot asks for it."""
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        gymnasium.utils.RecordConstructorArgs.__init__(self)
+        super().__init__(env)
+
+    @property
+    def task(self) -> str:
+        """Name of the task."""
+        return self.get_wrapper_attr("scene_task")
+
+    @property
+    def task_description(self) -> str:
+        """What to do in this episode, in words."""
+        return self.get_wrapper_attr("scene_description")
 
 
 class PosturalScene(Scene):
@@ -156,7 +174,7 @@ class WallScene(Scene):
         super().reset(seed=seed)
         side = ("left", "right")[int(self.np_random.integers(2))]
         place = int(self.np_random.integers(2**31))
-        self.task_description = _follow(side)
+        self.scene_description = _follow(side)
         readings = self._begin(seed=place, options={"wall": side})
         self._energies = []
         return {"agent_pos": readings}, {"is_success": False}
