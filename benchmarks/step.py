@@ -1,19 +1,22 @@
-"""One step of a control loop, by the map alone and by a whole network.
+"""One step of a control loop, by the map alone, a whole network, and an imitator.
 
 Run it alone with `python -m benchmarks.step`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import statistics
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from benchmarks.harness import NOTHING, Table, factor, latencies, number, run_alone
+from benchmarks.harness import NOTHING, Table, factor, latencies, number, run_alone, timed
 from benchmarks.streams import demonstrations
-from pacnet import CompetingSchemas, HabituatingSOFM, MLPForwardModel, PACNet, SOFMConfig
+from pacnet import HabituatingSOFM, MLPForwardModel, PACNet, SOFMConfig
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.imitator import Imitator
 from pacnet.kernels.engine import Engine
@@ -24,15 +27,23 @@ NODES, DIMENSIONS = 30, 28
 THRESHOLD = 0.58  # gives about this many nodes
 SHOWN, LENGTH, JOINTS = 8, 500, 11  # demonstrations of an imitator, their frames, its actions
 NOISE = 0.01  # standard deviation of a percept around its prototype
+WANTED = {10: 0.1, 100: 0.2, 1_000: 0.5}  # demonstrations shown -> median of a step [ms]
+WANTED_P99, WANTED_GROWTH = 2, 2  # [ms]; time to learn the last demonstrations over the first
+LEARNED = 10  # demonstrations that are learned beforehand, and whose learning is timed
 
 TEXT = f"""Each call is timed alone, on one float32 array: median and 99th percentile of {STEPS:,}
 calls ({EAGER_STEPS:,} of eager torch), one thread. The map has about {NODES} nodes and percepts of
 {DIMENSIONS} numbers. Experiment 2 is the shipped network with its forward model, which tries 21
 actions; its percepts are noisy copies of learned ones, and {{commanded:.0%}} of them recall a
-target. The imitator stores {{kept:,}} percepts of {SHOWN} demonstrations of {LENGTH} frames,
-{DIMENSIONS} dimensions and {JOINTS} actions, compares each percept with all of them, and watches
-another {LENGTH} frames repeatedly. A step that learns passes sixteen arrays to its kernel and
-checks the list of edges. Passing addresses instead of arrays took less than half as long.
+target. A step that learns passes sixteen arrays to its kernel and checks the list of edges. Passing
+addresses instead of arrays took less than half as long.
+"""
+SHOWN_TEXT = f"""`Imitator.step` after so many demonstrations of {LENGTH} frames, {DIMENSIONS}
+dimensions and {JOINTS} actions: median and 99th percentile of {STEPS:,} calls, while it watches
+another {LENGTH} frames repeatedly, one thread. {LEARNED} demonstrations are learned beforehand, the
+others are put into its memory. Then one more is learned, with which the thresholds of novelty are
+due. "To learn" is the median over the {LEARNED} after that, when they are not: one demonstration,
+from percepts to thresholds.
 """
 
 
@@ -101,13 +112,6 @@ def measure() -> list[Table]:
         return eager.act(torch.from_numpy(percept)[None])
 
     slow = _summary(latencies(act, _warm(act, places[:EAGER_STEPS])))
-    imitating, shown = imitator("compiled")
-    watched = np.tile(shown, (STEPS // LENGTH, 1))
-    imitation = _summary(latencies(imitating.step, _warm(imitating.step, watched)))
-    torch_alone, _ = imitator("eager")
-    slow_imitation = _summary(latencies(torch_alone.step, _warm(torch_alone.step, watched[:1_000])))
-    schemas = imitating.network.schemas
-    assert isinstance(schemas, CompetingSchemas)
     commanded = float(
         experiment_2("eager").recall(torch.from_numpy(places)).has_target.float().mean()
     )
@@ -118,13 +122,45 @@ def measure() -> list[Table]:
         _row("`PACNet.act` of one percept, eager torch", slow, None),
     ]
     rows.append(("`act` in eager torch over `step`", factor(slow[0] / whole[0]), *[NOTHING] * 3))
-    rows += [
-        _row("`Imitator.step`", imitation, None),
-        _row("`Imitator.step` in eager torch", slow_imitation, None),
-    ]
-    text = TEXT.format(commanded=commanded, kept=len(schemas.pool))
     columns = ("what", "p50 [µs]", "wanted", "p99 [µs]", "wanted")
-    return [Table("One step of a control loop", text, columns, rows)]
+    text = TEXT.format(commanded=commanded)
+    return [Table("One step of a control loop", text, columns, rows), measure_imitators(WANTED)]
+
+
+def measure_imitators(
+    wanted: Mapping[int, float], length: int = LENGTH, steps: int = STEPS
+) -> Table:
+    """Measure imitators that were shown much: demonstrations -> wanted median of a step [ms]."""
+    episodes, percepts = laps(max(wanted) + 1 + LEARNED, length)
+    watched, rows, first = np.tile(percepts, (-(-steps // length), 1)), [], None
+    for count, limit in wanted.items():
+        imitating = shown_many(episodes, count)
+        more = episodes.episodes[count + 1 : count + 1 + LEARNED]
+        learn = statistics.median(
+            timed(partial(imitating.learn, replace(episodes, episodes=(one,)))) for one in more
+        )
+        growth = [NOTHING] * 2 if first is None else [factor(learn / first), f"≤ {WANTED_GROWTH} ×"]
+        first = learn if first is None else first
+        p50, p99 = _summary(latencies(imitating.step, _warm(imitating.step, watched)))
+        step = number(p50 / 1e3), f"≤ {limit}", number(p99 / 1e3), f"≤ {WANTED_P99}"
+        rows.append((f"{count:,}", *step, number(learn * 1e3), *growth))
+    columns = ("shown", "p50 [ms]", "wanted", "p99 [ms]", "wanted", "to learn [ms]")
+    columns += ("over the first", "wanted")
+    return Table("One step after many demonstrations", SHOWN_TEXT, columns, rows)
+
+
+def shown_many(episodes: Demonstrations, count: int) -> Imitator:
+    """Return an imitator that knows `count` demonstrations, and has learned one more."""
+    first = replace(episodes, episodes=episodes.episodes[:LEARNED])
+    imitating = Imitator.from_demonstrations(first)
+    imitating.learn(replace(first, episodes=first.episodes[:count]))
+    config, memory = imitating.config, imitating.memory
+    for shown in episodes.episodes[LEARNED:count]:
+        scaled = shown.percepts.numpy() * config.scaling.array
+        changes = config.scaling.recent(config.fps).changes(scaled) * config.scaling.change_ratio
+        memory.append(scaled, changes.astype(np.float32), shown.action.numpy(), 0, correction=False)
+    imitating.learn(replace(first, episodes=episodes.episodes[count : count + 1]))
+    return imitating
 
 
 def _warm(step: Callable[[np.ndarray], object], percepts: np.ndarray) -> np.ndarray:

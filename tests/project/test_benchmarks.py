@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from benchmarks import __main__ as command
-from benchmarks import acting, batch, datasets, floor, harness, machine, observe, page
+from benchmarks import acting, batch, datasets, floor, harness, machine, observe, page, step
 from benchmarks.grow_when_required import GrowWhenRequired
 from benchmarks.harness import Table
 from benchmarks.nodes import full_map
@@ -179,7 +179,7 @@ def test_an_imitator_learns_while_the_block_runs(taught: Imitator):
     learning = acting.Learning(taught, lessons)
     with learning.in_background():
         while not learning.over.is_set():
-            assert taught.step(watched[0]).decision.winner >= 0
+            assert taught.step(watched[0]).followed
     assert learning.learned == 3
     assert len(taught.reports) == 5
 
@@ -222,6 +222,28 @@ def test_acting_has_a_row_for_each_loop_alone_and_beside_learning(
     assert all(len(row) == len(table.columns) for row in table.rows)
 
 
+def test_an_imitator_that_is_shown_many_demonstrations_is_as_one_that_learned_them():
+    episodes, watched = laps(14, 50)
+    filled = step.shown_many(episodes, 12)
+    expected = Imitator.from_demonstrations(replace(episodes, episodes=episodes.episodes[:10]))
+    expected.learn(replace(episodes, episodes=episodes.episodes[:13]))
+    for name, tensor in expected.memory.state_dict().items():
+        assert torch.equal(filled.memory.state_dict()[name], tensor), name
+    assert torch.equal(
+        filled.novelty_detector.state_dict()["thresholds"], expected.novelty_detector.thresholds
+    )
+    for percept in watched:
+        assert np.array_equal(filled.step(percept).target, expected.step(percept).target)
+
+
+def test_steps_after_many_demonstrations_have_a_row_each():
+    table = step.measure_imitators({2: 0.1, 12: 0.2}, length=40, steps=200)
+    assert [row[0] for row in table.rows] == ["2", "12"]
+    assert [row[2] for row in table.rows] == ["≤ 0.1", "≤ 0.2"]
+    assert [row[7] for row in table.rows] == ["–", "≤ 2 ×"]
+    assert all(len(row) == len(table.columns) for row in table.rows)
+
+
 @pytest.mark.parametrize("max_edge_age", [50, 5])
 def test_the_numpy_network_learns_what_preset_gwr_learns(max_edge_age: int):
     config = SOFMConfig.gwr(6, novelty_threshold=0.85, max_edge_age=max_edge_age)
@@ -239,9 +261,9 @@ def test_streams_are_seeded_and_ordered_in_time():
     assert stream.dtype == np.float32
     assert np.array_equal(stream, demonstrations(1000, 6, behaviours=3, seed=5))
     assert not np.array_equal(stream, demonstrations(1000, 6, behaviours=3, seed=6))
-    step = np.linalg.norm(np.diff(stream, axis=0), axis=1)
+    moved = np.linalg.norm(np.diff(stream, axis=0), axis=1)
     apart = np.linalg.norm(stream[:500] - stream[500:], axis=1)
-    assert np.median(step) < 0.3 * np.median(apart)
+    assert np.median(moved) < 0.3 * np.median(apart)
 
 
 @pytest.mark.parametrize("preset", ["paper", "gwr"])
