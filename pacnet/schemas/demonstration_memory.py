@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -106,14 +106,11 @@ class DemonstrationMemory(nn.Module):
         shown, count = self.shown(), len(percepts)
         steps = np.linalg.norm(np.diff(percepts, axis=0).astype(np.float64), axis=1)
         pace = float(steps.mean()) if len(steps) else 0.0
-        row = self.rows.extend(count)
-        values = {"percept": percepts, "change": changes, "target": targets}
-        for name, value in values.items():
-            self.rows.live(name)[row:] = torch.from_numpy(value)
-        self.rows.live("time")[row:] = torch.arange(count)
-        self.demonstrations.append(
-            {"rows": count, "frames": count, "task": task, "correction": correction, "pace": pace}
-        )
+        time = np.arange(count)
+        rows = {"percept": percepts, "change": changes, "target": targets, "time": time}
+        _append(self.rows, count, rows)
+        of = {"rows": count, "frames": count, "task": task, "correction": correction, "pace": pace}
+        _append(self.demonstrations, 1, of)
         self._keep(_with_one_more(shown, self._arrays(), percepts))
 
     def select(self, rows: NDArray[np.bool_]) -> None:
@@ -189,6 +186,14 @@ class DemonstrationMemory(nn.Module):
                 "a pace ≥ 0": ((pace >= 0) & pace.isfinite()).all(),
             }
         )
+
+
+def _append(rows: GrowableRows, count: int, values: Mapping[str, Any]) -> None:
+    """Append rows; torch sees no change of the memory, which snapshots share."""
+    first, arrays = len(rows), rows.arrays(count)
+    for name, value in values.items():
+        arrays[name][first : first + count] = value
+    rows.set_length(first + count)
 
 
 def _with_boxes(shown: Shown) -> Shown:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import functools
 import math
 import sys
@@ -150,71 +151,48 @@ def assert_ascending(answers: list[Any], known: list[Any]) -> None:
     assert answers[-1] == known[-1]
 
 
-# The Imitator: each answer is of one number of lessons.
+# The Imitator: each answer is of one number of lessons, and an episode goes on over a lesson.
 
 
-def acted(imitator: Imitator, frames: tuple[int, ...], start: int = 0) -> list[Any]:
-    """What it does in an episode of some frames, from one of them on.
-
-    Of its first step all, and of others what the network decided: how new a percept is follows all
-    that were seen in the episode, also before a lesson, but the network recalls afresh behind one.
-    """
-    imitator.reset()
-    percepts = lesson(frames[0] % 3, FRAMES)[0]
-    steps = [imitator.step(percepts[frame]) for frame in frames[start:]]
-    return [plain(steps[0]), *(plain(step.decision) for step in steps)]
-
-
-class Explanation:
-    """Which numbers of lessons explain what was answered so far.
+def acted(imitator: Imitator, frames: tuple[int, ...], taught: int = 0, lesson_at: int = 0) -> Any:
+    """What it does in an episode of some frames: at each the action, what is followed, how far.
 
     Args:
-        known: of each number of lessons, of each episode, what is answered from each frame on.
+        imitator: that acts.
+        frames: of the episode.
+        taught: number of a lesson that comes before the step at `lesson_at`; 0 for none.
+        lesson_at: 0 for never.
     """
+    imitator.reset()
+    percepts, answers = lesson(frames[0] % 3, FRAMES)[0], []
+    for place, frame in enumerate(frames):
+        if lesson_at and place == lesson_at:
+            teach(imitator, taught)
+        step = imitator.step(percepts[frame])
+        answers.append(plain((step.action, step.followed, step.progress)))
+    return answers
 
-    def __init__(self, known: list[list[list[list[Any]]]]) -> None:
-        self.known, self.least = known, 0
 
-    def check(self, episode: int, answers: list[Any]) -> None:
-        """Fails unless some numbers of lessons, none less than before, explain an episode."""
-        first, *decisions = answers
-        # Each is of a number of lessons, from the frame on at which they were known.
-        stories = {
-            (count, 0)
-            for count in range(self.least, len(self.known))
-            if self.known[count][episode][0][0] == first
-        }
-        stories = self._that_go_on(stories, episode, 0, decisions[0])
-        for place, decision in enumerate(decisions[1:], 1):
-            assert stories, (episode, place)
-            fewest = min(count for count, _ in stories)
-            later = {(count, place) for count in range(fewest + 1, len(self.known))}
-            stories = self._that_go_on(stories | later, episode, place, decision)
-        assert stories, (episode, len(decisions))
-        self.least = min(count for count, _ in stories)
-
-    def _that_go_on(
-        self, stories: set[tuple[int, int]], episode: int, place: int, decision: Any
-    ) -> set[tuple[int, int]]:
-        known = self.known
-        return {
-            (count, start)
-            for count, start in stories
-            if known[count][episode][start][1 + place - start] == decision
-        }
+def stories(imitator: Imitator, number: int, frames: tuple[int, ...]) -> list[Any]:
+    """What may be done in an episode that begins after so many lessons: the next one may come."""
+    later = range(1, len(frames))
+    return [
+        acted(imitator, frames),
+        *(acted(copy.deepcopy(imitator), frames, number + 1, place) for place in later),
+    ]
 
 
 def imitate_beside(lessons: int, steps: int) -> None:
-    """Take so many steps while so many demonstrations are learned, and compare each answer.
+    """Take so many steps while so many demonstrations are learned, and compare each episode.
 
-    An answer must be what a reference that learned k demonstrations gives at this place of this
-    episode, and k must not go down.
+    It must be one of a reference that learned k demonstrations, of which the last one may have come
+    in the middle, and k must not go down.
     """
     reference, known = make_imitator(), []
     for number in range(lessons + 1):
         if number:
             teach(reference, number)
-        known.append([[acted(reference, e, start) for start in range(len(e))] for e in EPISODES])
+        known.append([stories(reference, number, frames) for frames in EPISODES])
     imitator, taken = make_imitator(), []
 
     def act() -> None:
@@ -226,9 +204,12 @@ def imitate_beside(lessons: int, steps: int) -> None:
             wait_for(errors, max(2, steps // lessons // len(EPISODES[0])), taken)
     assert state_of(imitator) == state_of(reference)
     assert imitator.reports == reference.reports
-    explanation = Explanation(known)
+    least = 0
     for number, answers in enumerate(taken):
-        explanation.check(number % len(EPISODES), answers)
+        episode = number % len(EPISODES)
+        told = [count for count in range(least, lessons + 1) if answers in known[count][episode]]
+        assert told, (number, least)
+        least = told[0]
     last = (len(taken) - 1) % len(EPISODES)
     assert taken[-1] == known[-1][last][0]
 

@@ -1053,8 +1053,8 @@ BREAKS = {
     "pacnet.imitator.novelty.NoveltyDetector.calibrate": ("imitator",),
     "pacnet.schemas.demonstration_memory.DemonstrationMemory.append": ("imitator",),
     "pacnet.schemas.demonstration_memory._corners": ("imitator",),
-    "pacnet.core.growable_rows.GrowableRows.append": ("imitator",),
-    "pacnet.core.growable_rows.GrowableRows.extend": KINDS,
+    "pacnet.core.growable_rows.GrowableRows.arrays": ("imitator",),
+    "pacnet.core.growable_rows.GrowableRows.extend": NETWORKS,
     "pacnet.core.growable_rows.GrowableRows.set_length": ("map", *KINDS),
     "pacnet.attention.compiled.map_update": ("map", *KINDS),
 }

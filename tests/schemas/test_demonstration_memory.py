@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from pacnet.core.drafts import snapshot_of
+from pacnet.core.drafts import BufferVersions, snapshot_of
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator
 from pacnet.schemas.demonstration_memory import DemonstrationMemory, Shown
@@ -84,6 +84,16 @@ def test_what_was_taken_before_is_unchanged_by_more():
     assert_equal(taken, before)
     assert_equal(snapshot.shown(), before)
     assert len(memory.shown().frames) == 12
+
+
+def test_a_draft_that_is_appended_to_leaves_the_original_as_it_is_known():
+    """A thread that reads the original would take the change of shared memory for one of it."""
+    memory = filled(*LENGTHS)
+    append(memory, 1, 5)  # beyond which there is capacity now
+    known, versions = memory.shown(), BufferVersions(memory)
+    append(snapshot_of(memory), 20, 6)
+    assert versions.unchanged()
+    assert memory.shown() is known
 
 
 def test_what_was_taken_before_is_unchanged_by_forgetting():
