@@ -53,9 +53,9 @@ class Scripted:
     def __init__(self, script: dict[float, tuple[float | None, bool]], first: float) -> None:
         self.script = script
         self.first_action = torch.tensor([first])
-        self.resets = 0
+        self.tasks, self.resets = ("go",), 0
 
-    def reset(self) -> None:
+    def reset(self, task: str | None) -> None:  # noqa: ARG002
         """Count the episodes."""
         self.resets += 1
 
