@@ -24,9 +24,10 @@ from pacnet.schemas.demonstration_memory import Shown
 SMOOTHING = 0.2  # [s] over which deviations are averaged, so that one bad frame is not novel
 PRIOR = 1.2  # least threshold from N demonstrations, in shares of their range, times N + 1
 NEIGHBOURS = 5  # rows that are found for each frame of a demonstration
-_USUAL = 0.9  # quantile of the deviations that is typical
-_TYPICAL_EPISODE = 0.3  # quantile of the demonstrations' largest deviations
-_FEW, _VERY_FEW = 5.0, 4.0  # how the threshold grows where few were compared: 1 + 5 / (N + 4)
+_TYPICAL = 0.9  # quantile of the deviations
+_FEW = 8  # demonstrations up to which the margin is full; of N, it is _FEW / N of that
+_MARGIN = 0.9  # of the threshold beyond the largest deviation of a usual demonstration
+_USUAL, _MANY_USUAL = 0.5, 0.3  # quantile of their largest deviations, of few and of many
 _MIN_TYPICAL = 0.2  # of one dimension, in shares of the quadratic mean over all
 _MIN_RANGE = 0.5  # of one dimension, in shares of the quadratic mean over all
 _COMPARED = 40  # demonstrations that are left out in turn, at most
@@ -149,12 +150,13 @@ class NoveltyDetector(nn.Module):
             allowed[number] = False
             part = shown.percepts[shown.first[number] : shown.first[number + 1]][::stride]
             every.append(self._deviations(part, shown, allowed, stride)[0])
-        typical = np.quantile(np.concatenate(every), _USUAL, axis=0)
+        typical = np.quantile(np.concatenate(every), _TYPICAL, axis=0)
         typical = np.maximum(typical, _MIN_TYPICAL * math.sqrt(np.square(typical).mean()))
         typical = np.maximum(typical, 1e-9)  # of demonstrations that are the same
         largest = [float((deviations.max(axis=0) / typical).max()) for deviations in every]
-        few = 1 + _FEW / (len(left_out) + _VERY_FEW)
-        return typical * few * float(np.quantile(largest, _TYPICAL_EPISODE))
+        few = min(1.0, _FEW / len(left_out))
+        usual = float(np.quantile(largest, max(_MANY_USUAL, _USUAL * few)))
+        return typical * usual * (1 + _MARGIN * few)
 
     def _deviations(
         self,
