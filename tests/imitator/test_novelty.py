@@ -90,12 +90,10 @@ def test_of_each_task_a_single_demonstration_gives_a_share_of_the_range_of_all(c
 
 
 def test_only_demonstrations_of_one_task_are_compared():
-    near, far = [0.0, 10.0], [0.5, 10.5]
-    apart = [100.0, 110.0]
-    both = calibrated(near, far, apart, tasks=(0, 0, 1), fps=5)
-    assert both.thresholds.tolist() == pytest.approx([0.12 * 110])  # of the range of all
-    alone = calibrated(near, far, fps=5)
-    assert alone.thresholds.tolist() == pytest.approx([max(0.5 * 11 / 6, 0.12 * 10.5)])
+    paths = [[0.0, 10.0], [3.0, 13.0], [1.0, 11.0]]  # the last one is nearer to both
+    detector = calibrated(*paths, tasks=(0, 0, 1), fps=5)
+    assert detector.thresholds.tolist() == pytest.approx([3 * 11 / 6])
+    assert calibrated(*paths, fps=5).thresholds.tolist() < detector.thresholds.tolist()
 
 
 def test_corrections_are_not_compared():
