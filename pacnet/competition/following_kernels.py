@@ -202,17 +202,18 @@ def _begin(percept, slot, number, row, shown, state, settings):
 def _weigh(shown, state):
     """Let the demonstrations that fit best decide together; write weights and progress."""
     state.weight[:] = 0.0
-    state.heaviest[0], state.progress[0], total = NO_ONE, 0.0, 0.0
+    state.heaviest[0], state.progress[0], total, nearest = NO_ONE, 0.0, 0.0, NOTHING
     for _ in range(BLENDED):
         best = _next_best(state)
         if best == NO_ONE:
             break
-        weight, heaviest = 1 / (math.sqrt(state.mismatch[best]) + SOFTNESS), state.heaviest[0]
-        if heaviest != NO_ONE and FAR * weight < state.weight[heaviest]:
+        apart, heaviest = math.sqrt(state.cost[best]) + SOFTNESS, state.heaviest[0]
+        nearest = apart if heaviest == NO_ONE else nearest
+        if apart > FAR * nearest:
             break
-        state.weight[best] = weight
-        total += weight
-        if heaviest == NO_ONE or weight > state.weight[heaviest]:
+        state.weight[best] = 1 / (math.sqrt(state.mismatch[best]) + SOFTNESS)
+        total += state.weight[best]
+        if heaviest == NO_ONE or state.weight[best] > state.weight[heaviest]:
             state.heaviest[0] = best
     for slot in range(FOLLOWED):
         if state.weight[slot] > 0:

@@ -55,7 +55,7 @@ class Draft:
         """
         observed = self.sofm.update(self.sofm.normalize(percepts)).observation
         scaled = np.ascontiguousarray(percepts.numpy() * config.scaling.array)
-        novelty = self._relate(scaled, targets, config.fps)
+        novelty = self._relate(scaled, targets, task, config.fps)
         changes = config.scaling.recent(config.fps).changes(scaled)
         changes = (changes * config.scaling.change_ratio).astype(np.float32)
         self.memory.append(scaled, changes, targets, task, correction)
@@ -67,7 +67,7 @@ class Draft:
         return observed, novelty
 
     def _relate(
-        self, percepts: NDArray[np.float32], targets: NDArray[np.float32], fps: float
+        self, percepts: NDArray[np.float32], targets: NDArray[np.float32], task: int, fps: float
     ) -> float | None:
         """Compare a demonstration with its neighbours; return its largest novelty."""
         shown = self.memory.shown()
@@ -77,9 +77,13 @@ class Draft:
             self.correction.add(deviations, targets[apart:] - targets[:-apart], within=True)
             return None
         novelty, rows = self.detector.largest(percepts, shown)
-        frames = np.arange(0, len(percepts), strides(shown)).repeat(rows.shape[1])
-        found = rows.ravel() >= 0
-        frames, rows = frames[found], rows.ravel()[found]
+        frames, rows = (
+            np.arange(0, len(percepts), strides(shown)).repeat(rows.shape[1]),
+            rows.ravel(),
+        )
+        of = np.searchsorted(shown.first, rows, side="right") - 1
+        alike = (rows >= 0) & (shown.task[of] == task)  # other tasks differ for other reasons
+        frames, rows = frames[alike], rows[alike]
         deviations = percepts[frames] - shown.percepts[rows]
         self.correction.add(deviations, targets[frames] - shown.targets[rows], within=False)
         return novelty

@@ -31,6 +31,7 @@ _USUAL, _MANY_USUAL = 0.5, 0.3  # quantile of their largest deviations, of few a
 _MIN_TYPICAL = 0.2  # of one dimension, in shares of the quadratic mean over all
 _MIN_RANGE = 0.5  # of one dimension, in shares of the quadratic mean over all
 _COMPARED = 40  # demonstrations that are left out in turn, at most
+_LEFT_OUT_FRAMES = 8_000  # of all of them; of more, every second, third, ... counts
 _SEARCHED = 100_000  # frames; of more, the deviation is measured at every second, third, ... frame
 _GROWTH = 1.1  # demonstrations are compared again when there are so many times as many
 
@@ -144,7 +145,8 @@ class NoveltyDetector(nn.Module):
 
     def _compare(self, shown: Shown, left_out: list[int]) -> NDArray[np.float64]:
         """Return thresholds `[D]` from the deviations of demonstrations that are left out."""
-        stride, every = strides(shown), []
+        frames, every = int(np.diff(shown.first)[left_out].sum()), []
+        stride = 1 + max(frames // _LEFT_OUT_FRAMES, len(shown.percepts) // _SEARCHED)
         for number in left_out:
             allowed = shown.task == shown.task[number]
             allowed[number] = False

@@ -2,7 +2,8 @@
 
 Distances sum over the dimensions, so these must be comparable. A dimension that is constant, or
 that only settles at the beginning, has a tiny spread of its own: it is no finer than a share of the
-spread of the dimensions that are like it.
+spread of the dimensions that are like it. What is mostly noise counts less, since it says nothing
+about where the robot is.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from pacnet.core.validation import check_fields, is_number
 from pacnet.schemas.changes import RecentPercepts
 
 _SHARE = 0.1  # of the median spread of dimensions that are alike: the least of one of them
+_NOISE = 4.0  # how much less a dimension counts for its noise: pure noise counts a fifth
 _MOVES = 0.1  # distance that counts as movement, in shares of the mean from frame to frame
+_SECOND_DIFFERENCE = 0.6745 * 6**0.5  # median size of x[t + 1] − 2 x[t] + x[t − 1] of white noise
 # What the last part of a dimension's name says about its unit.
 _UNITS = {
     "place": ("x", "y", "z"),
@@ -93,7 +96,8 @@ def choose_scaling(
     spread = np.concatenate(percepts).std(axis=0, dtype=np.float64)
     if not spread.any():
         raise ValueError("expected percepts that change, got the same one in every frame")
-    scale = 1 / np.maximum(spread, _least_spread(spread, kinds_of(features)))
+    noisy = spread * (1 + _NOISE * np.square(_noise(percepts) / np.maximum(spread, 1e-300)))
+    scale = 1 / np.maximum(noisy, _least_spread(spread, kinds_of(features)))
     scaled = [(part * scale).astype(np.float32) for part in percepts]
     steps = [np.linalg.norm(np.diff(part, axis=0), axis=1) for part in scaled]
     moved = np.concatenate(steps)
@@ -107,6 +111,19 @@ def choose_scaling(
     usual = np.sqrt(np.square(np.concatenate(changes, dtype=np.float64)).mean(axis=0))
     usual = np.maximum(usual, _SHARE * np.median(usual[usual > 0])) if usual.any() else usual + 1
     return Scaling(tuple(scale.tolist()), tuple((scale / usual).tolist()), movement)
+
+
+def _noise(episodes: Sequence[NDArray[np.float32]]) -> NDArray[np.float64]:
+    """Return the standard deviation of each dimension's noise; 0 if episodes are too short.
+
+    It is the median of second differences, which neither steady movement nor rare jumps affect.
+    """
+    differences = np.concatenate(
+        [np.diff(part.astype(np.float64), n=2, axis=0) for part in episodes]
+    )
+    if len(differences) == 0:
+        return np.zeros(episodes[0].shape[1])
+    return np.median(np.abs(differences), axis=0) / _SECOND_DIFFERENCE
 
 
 def kinds_of(features: Mapping[str, tuple[str, ...]]) -> list[tuple[str, str]]:
