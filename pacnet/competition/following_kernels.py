@@ -20,7 +20,7 @@ STIFFNESS = 2.0  # of time: what a frame too early or late costs, in usual steps
 PULL = 0.5  # share of the difference from the expected time that is made good at once
 CHANGE_WEIGHT = 0.3  # of the change beside the percept, in choosing what to follow
 JUMP_CHANGE_WEIGHT = 0.1  # the same, in judging whether another moment fits better
-JUMP = 0.3  # by how much another moment must fit better, on average, to be taken instead
+JUMP = 0.3  # by how much another moment must fit better, on average, beyond what is no movement
 LATE_START = 0.3  # what it costs to begin a demonstration in its middle
 RETAINED = 0.6  # share of a deviation that a position target keeps; the rest is led back at once
 SOFTNESS = 0.1  # mismatch, as a distance, that halves a weight
@@ -132,7 +132,7 @@ def _consider(percept, number, begins, shown, state, settings):
     present = state.mismatch[own] + JUMP_CHANGE_WEIGHT * state.change_mismatch[own]
     excess = max(0.0, present - jump)
     state.excess[own] += settings.jump_rate * (excess - state.excess[own])
-    if state.excess[own] > JUMP and row != NO_ONE:
+    if state.excess[own] > JUMP + settings.least * settings.least and row != NO_ONE:
         _begin(percept, own, number, row, shown, state, settings)
 
 

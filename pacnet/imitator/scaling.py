@@ -23,6 +23,7 @@ _SHARE = 0.1  # of the median spread of dimensions that are alike: the least of 
 _NOISE = 4.0  # how much less a dimension counts for its noise: pure noise counts a fifth
 _MOVES = 0.1  # distance that counts as movement, in shares of the mean from frame to frame
 _SECOND_DIFFERENCE = 0.6745 * 6**0.5  # median size of x[t + 1] − 2 x[t] + x[t − 1] of white noise
+_BEYOND_NOISE = 2.5  # lengths of the noise that count as movement, at least
 # What the last part of a dimension's name says about its unit.
 _UNITS = {
     "place": ("x", "y", "z"),
@@ -96,12 +97,14 @@ def choose_scaling(
     spread = np.concatenate(percepts).std(axis=0, dtype=np.float64)
     if not spread.any():
         raise ValueError("expected percepts that change, got the same one in every frame")
-    noisy = spread * (1 + _NOISE * np.square(_noise(percepts) / np.maximum(spread, 1e-300)))
+    noise = _noise(percepts)
+    noisy = spread * (1 + _NOISE * np.square(noise / np.maximum(spread, 1e-300)))
     scale = 1 / np.maximum(noisy, _least_spread(spread, kinds_of(features)))
     scaled = [(part * scale).astype(np.float32) for part in percepts]
     steps = [np.linalg.norm(np.diff(part, axis=0), axis=1) for part in scaled]
     moved = np.concatenate(steps)
-    movement = float(_MOVES * moved.mean(dtype=np.float64)) if len(moved) else 0.0
+    moves = _MOVES * moved.mean(dtype=np.float64) if len(moved) else 0.0
+    movement = max(float(moves), _BEYOND_NOISE * float(np.linalg.norm(noise * scale)))
     recent = RecentPercepts(len(scale), fps, movement)
     changes = []
     for part in scaled:
@@ -109,6 +112,7 @@ def choose_scaling(
         changes.append(recent.changes(part))
     # About zero, not about their mean: what moves at one speed changes by as much all the time.
     usual = np.sqrt(np.square(np.concatenate(changes, dtype=np.float64)).mean(axis=0))
+    usual *= 1 + _NOISE * np.minimum(1, 2 * np.square(noise * scale / np.maximum(usual, 1e-300)))
     usual = np.maximum(usual, _SHARE * np.median(usual[usual > 0])) if usual.any() else usual + 1
     return Scaling(tuple(scale.tolist()), tuple((scale / usual).tolist()), movement)
 
