@@ -2,9 +2,9 @@
 
 The imitator acts in the drinking environment, with the glass at known places and at new ones, 15 cm
 away. When a percept is novel, the imitator reports the dimension and the deviation, and holds
-still. The demonstrator then demonstrates the task in the same situation. The demonstration is
-recorded and learned in addition to what is known. This repeats until the imitator succeeds without
-pausing.
+still for as long as it is. If it does not succeed, the demonstrator demonstrates the task in the
+same situation. The demonstration is recorded and learned in addition to what is known. This repeats
+until the imitator succeeds.
 
 Writes the dataset with the corrections appended, the checkpoint that learned them, a figure and the
 scores of new episodes before and after into `runs/correct/<time>-seed<N>/`. The given dataset and
@@ -187,7 +187,7 @@ def correct(
 
 
 class Teacher:
-    """Demonstrate to the imitator wherever it fails or pauses.
+    """Demonstrate to the imitator wherever it fails.
 
     Args:
         imitator: Acts and learns.
@@ -207,7 +207,7 @@ class Teacher:
         self._given, self._next = given, len(given)
 
     def take_turn(self, place: int, situation: Situation) -> Turn:
-        """Let the imitator act in a situation; correct it if it paused or failed."""
+        """Let the imitator act in a situation; correct it if it failed."""
         tried = attempt(self._imitator, self._environment, situation)
         turn = Turn(place, tried, None if tried.is_autonomous else self._correct(situation))
         print_turn(turn)

@@ -1,4 +1,4 @@
-"""Episodes of an imitator that pauses when a percept is novel, and demonstrations to correct it."""
+"""Episodes of an imitator that pauses while percepts are novel, and demonstrations to correct it."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class Pause(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """An episode of T steps in which the imitator acted until something was novel.
+    """An episode of T steps in which the imitator acted unless something was novel.
 
     Attributes:
         novelty: At each step `[T]`; above 1 a percept is novel.
-        pause: The first novel step, after which the imitator held still.
+        pause: The first novel step; the imitator holds still for as long as percepts are novel.
         grasp: Step at which the demonstrator's hand was at its glass.
         contact: Step at which the imitator held its own glass, or None.
         success: Whether the imitator completed the task.
@@ -66,8 +66,8 @@ class Attempt:
 
     @property
     def is_autonomous(self) -> bool:
-        """Return whether the imitator succeeded without pausing."""
-        return self.success and self.pause is None
+        """Return whether the imitator succeeded by itself; it may have paused on the way."""
+        return self.success
 
     @property
     def paused_in_time(self) -> bool:
@@ -92,7 +92,7 @@ class Turn:
 
 
 def attempt(imitator: Imitator, environment: PosturalImitationEnv, situation: Situation) -> Attempt:
-    """Let an imitator act beside the demonstrator until something is novel to it.
+    """Let an imitator act beside the demonstrator; it holds still while something is novel to it.
 
     Args:
         imitator: A trained one.
@@ -108,7 +108,7 @@ def attempt(imitator: Imitator, environment: PosturalImitationEnv, situation: Si
         step = imitator.step(percept(observation))
         if step.is_novel and pause is None:
             pause = Pause(len(novelty), step.dimension, step.deviation, step.threshold)
-        if step.action is not None and pause is None:
+        if step.action is not None:
             target = step.action
         novelty.append(step.novelty)
         infos.append(info)

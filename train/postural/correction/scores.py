@@ -60,12 +60,12 @@ def print_scores(scores: Mapping[str, Mapping[str, Any]]) -> None:
 
 
 def _describe(attempt: Attempt) -> str:
-    pause = attempt.pause
+    pause, end = attempt.pause, "with success" if attempt.success else "without success"
     if pause is None:
-        return "acted, with success" if attempt.success else "acted, without success"
+        return f"acted, {end}"
     return (
-        f"paused after {_seconds(pause.step):.2f} s: {pause.dimension} is {pause.deviation:+.3f} "
-        f"off, {pause.tolerated:.3f} is tolerated"
+        f"paused after {_seconds(pause.step):.2f} s, {end}: {pause.dimension} is "
+        f"{pause.deviation:+.3f} off, {pause.tolerated:.3f} is tolerated"
     )
 
 
