@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.competition.config import CompetingSchemasConfig
-from pacnet.competition.explanation import Origin, Rival, origins_of
 from pacnet.competition.recall import CompetingRecall
 from pacnet.competition.recognition import Recognizer
 from pacnet.competition.timeline import Timeline, build_timeline
@@ -177,11 +176,6 @@ class CompetingSchemas(EpisodicMemory, Schemas):
         memory._recall = None  # otherwise each recall episode would keep the one before
         return CompetingRecall(memory, memory.config, timeline)
 
-    @property
-    def recall_in_progress(self) -> CompetingRecall | None:
-        """The recall episode, if one has begun."""
-        return self._recall
-
     def for_recall(self) -> CompetingSchemas:
         """See `Schemas.for_recall`; a new recall episode begins, for both modules."""
         schemas = snapshot_of(self)
@@ -220,42 +214,6 @@ class CompetingSchemas(EpisodicMemory, Schemas):
             as_array(self.episodes.live("last_cue").cpu()[known]),
             self.config.recognition,
         )
-
-    @torch.no_grad()
-    def rivals(self, node: int, percept: Tensor) -> list[Rival]:
-        """Return the schemas that competed for the percept recalled last; nothing changes.
-
-        Args:
-            node: the winner, or `NO_NODE`.
-            percept: normalized, `[D]`.
-
-        Returns:
-            Sorted by confidence: the node's schemas; if none of them is confident, before them the
-            confident ones of other nodes. With a margin, the winner may be another than the first.
-
-        Raises:
-            ValueError: nothing was recalled since `reset`.
-        """
-        if self._recall is None or not self._recall.belief.has_begun:
-            raise ValueError("expected a percept that was recalled, got none since reset")
-        self._check_recall(as_batch(percept), node)
-        return self._recall.rivals(node, as_array(percept))
-
-    def origins(self, schema: int, offset: int) -> list[Origin]:
-        """Return the moments of demonstrations that a recalled target stands for.
-
-        Args:
-            schema: its id, as in `Target` and `Decision`.
-            offset: of the target in the schema's sequence.
-
-        Returns:
-            First the moment at which the target itself was shown, then those at the same share of
-            the other visits to the schema, in order of time.
-
-        Raises:
-            ValueError: no such schema, or no such offset.
-        """
-        return origins_of(self, schema, offset)
 
 
 def _restart_recall(schemas: nn.Module, _incompatible_keys: object) -> None:

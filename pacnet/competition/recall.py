@@ -16,7 +16,6 @@ from pacnet.attention.records import NO_NODE
 from pacnet.competition.belief import Belief
 from pacnet.competition.confidences import SchemaConfidences
 from pacnet.competition.config import CompetingSchemasConfig
-from pacnet.competition.explanation import Rival, rivals_of
 from pacnet.competition.timeline import Timeline
 from pacnet.competition.winner_take_all import NO_SCHEMA, Competition, CompetitionConfig
 from pacnet.schemas.interface import Target
@@ -75,19 +74,6 @@ class CompetingRecall:
         chosen = self._targets[rows][nearest]
         target = chosen.sum(axis=0) / chosen.dtype.type(len(nearest))
         return Target(target, int(nearest[0]), self.incumbent)
-
-    def rivals(self, node: int, percept: NDArray[np.floating]) -> list[Rival]:
-        """See `CompetingSchemas.rivals`."""
-        if node == NO_NODE:
-            return []
-        observed = self.distances(percept), self.belief.probability
-        here, least = self._at_node(node), self.config.threshold
-        own = [] if here is None else rivals_of(self.memory, here, *observed)
-        if own and own[0].confidence >= least:
-            return own
-        elsewhere = rivals_of(self.memory, self._everywhere, *observed)
-        others = [each for each in elsewhere if each.node != node and each.confidence >= least]
-        return [*others, *own]
 
     def _compete(self, node: int, distances: NDArray[np.floating]) -> slice | None:
         """Let the node's schemas compete, then all; return the pool's rows of the winning one."""

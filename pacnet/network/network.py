@@ -23,7 +23,7 @@ from pacnet.core.validation import as_batch
 from pacnet.forward_models.protocol import OneStateForwardModel
 from pacnet.network.checks import check_pair, check_states
 from pacnet.network.records import Decision
-from pacnet.network.snapshot import Snapshot, check_nodes
+from pacnet.network.snapshot import check_nodes
 from pacnet.network.state import NetworkState
 from pacnet.schemas.interface import NO_EPISODE, Samples, check_episode
 
@@ -230,15 +230,7 @@ class PACNet(NetworkState):
         Raises:
             ValueError: as `act`; after a bad percept the recall episode is unchanged.
         """
-        return self.step_on(self.snapshot(), percept, state)
-
-    def step_on(
-        self,
-        now: Snapshot,
-        percept: NDArray[np.float32] | Tensor,
-        state: NDArray[np.float32] | Tensor | None,
-    ) -> Decision:
-        """Do what `step` does, in the recall episode of a snapshot."""
+        now = self.snapshot()
         seen, normalized = now.sofm.read_one(percept)
         winner = NO_NODE if seen.novelty else seen.winner
         recalled = now.schemas.recall_one(winner, normalized)

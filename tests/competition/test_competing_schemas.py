@@ -546,9 +546,6 @@ def test_where_the_winner_is_of_something_else_all_that_know_the_percept_compete
     assert recalled(schemas, 0.0, 0.0, 0.4, node=won_by) == [1.0] * 3
     # Nearest to tea, and believed to be, but novel to it: beyond 0.5 from its cues.
     assert recalled(schemas, 0.6, node=won_by) == [None]
-    rivals = schemas.rivals(won_by, torch.tensor([0.0]))
-    own = [] if won_by == 2 else [(1, 1)]  # which competed first, in vain
-    assert [(each.node, each.schema) for each in rivals] == [(0, 0), *own]
     assert recalled(schemas, 0.0, node=NO_NODE) == [None]  # novel to the map
 
 
@@ -557,7 +554,6 @@ def test_what_is_out_of_reach_never_competes_whatever_the_threshold():
     show(schemas, 0, *[0.0] * 8, target=1.0)
     schemas.begin(1, "")
     assert recalled(schemas, 50.0, node=1) == [None]
-    assert schemas.rivals(1, torch.tensor([50.0])) == []
     assert recalled(schemas, 0.1, node=1) == [1.0]
 
 

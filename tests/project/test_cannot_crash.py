@@ -170,8 +170,7 @@ def use(model: Any) -> None:
         calls += [lambda: model.schemas.recall_samples(nodes, percepts)]
         calls += [lambda: model.attend(percepts), lambda: model(percepts)]
     if isinstance(model, PACNet) and isinstance(model.schemas, CompetingSchemas):
-        calls += [lambda: model.recognise(percepts), lambda: model.schemas.origins(0, 0)]
-        calls += [lambda: model.schemas.rivals(0, percepts[0])]
+        calls += [lambda: model.recognise(percepts)]
     for call in [*calls, lambda: model.state_dict(), *calls[:2]]:
         allowed(call)
 
@@ -700,11 +699,6 @@ ROW_CALLS: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], object], Tens
         ONE,
     ),
     "competing recognise": (lambda: make_network("competing"), lambda m, x: m.recognise(x), FEW),
-    "competing rivals": (
-        lambda: _schemas("competing"),
-        lambda m, x: (m.recall(0, ONE), m.rivals(0, x)),
-        ONE,
-    ),
     "competing drop": (lambda: _schemas("competing"), lambda m, x: m.drop(x), torch.tensor([0, 1])),
     "imitator step": (lambda: make_network("imitator"), lambda m, x: m.step(x), ONE),
     "imitator recognise": (lambda: make_network("imitator"), lambda m, x: m.recognise(x), FEW),
@@ -767,10 +761,7 @@ NUMBER_CALLS: dict[str, tuple[str, Callable[[Any, Any], object], tuple[Any, ...]
     ),
     "competing schemas_of": ("competing", lambda s, n: s.schemas_of(n), (-1,)),
     "competing frames": ("competing", lambda s, n: s.frames(n), (-1,)),
-    "competing origins": ("competing", lambda s, n: s.origins(n, 0), (-1,)),
-    "competing origins at": ("competing", lambda s, n: s.origins(0, n), (-1,)),
     "competing drop": ("competing", lambda s, n: s.drop(n), (0,)),
-    "competing rivals": ("competing", lambda s, n: (s.recall(0, ONE), s.rivals(n, ONE)), ()),
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Episodes of an imitator that pauses while percepts are novel, and demonstrations to correct it."""
+"""Episodes of an imitator that pauses while percepts are novel, and how it is corrected."""
 
 from __future__ import annotations
 
