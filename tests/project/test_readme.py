@@ -20,7 +20,8 @@ PAGES = (
 TEXTS = {path.relative_to(PROJECT).as_posix(): path.read_text() for path in PAGES}
 README, INDEX = TEXTS["README.md"], TEXTS["docs/index.md"]
 EXPERIMENTS, BEHAVIOURS = TEXTS["docs/experiments.md"], TEXTS["docs/behaviours.md"]
-PERFORMANCE = TEXTS["docs/performance.md"]
+PERFORMANCE, BENCHMARKS = TEXTS["docs/performance.md"], TEXTS["docs/benchmarks.md"]
+ROBOTS = ("| so101 ", "| piper ", "| pusht ")
 KEYS = ("wf", "tight", "energy")
 MODULES = sorted(
     set(re.findall(r"python -m ((?:train|benchmarks)\.[a-z]\w*)", "".join(TEXTS.values())))
@@ -152,8 +153,18 @@ def test_the_comparison_holds_the_numbers_of_the_pages():
     table = README.split("| instead of pacnet | measured | theirs | pacnet |")[1].split("\n\n")[0]
     rows = [cells(row) for row in table.splitlines()[2:]]
     measured = {number for row in PERFORMANCE.splitlines() for number in cells(row)}
-    for row in rows[:7]:
+    for row in rows[:5]:
         assert set(row[2:]) <= measured, row
+    errors = [cells(row) for row in BENCHMARKS.splitlines() if row.startswith(ROBOTS)][:3]
+    means = [sum(float(row[column]) for row in errors) / 3 for column in (10, 6)]
+    assert rows[5][2:] == [f"{mean:.2f}" for mean in means]
+    areas = [
+        cells(row)[1]
+        for learner in ("blended replay", "`Imitator`")
+        for row in BENCHMARKS.splitlines()
+        if row.startswith(f"| undisturbed, 3, {learner}")
+    ]
+    assert rows[6][2:] == areas
 
     policies = shipped("behaviours/retraining.json")["policies"]
     successes = [scores["task_success_rate"]["mean"] for scores in policies.values()]
