@@ -17,7 +17,6 @@ from pacnet.imitator.imitator import Imitator
 from pacnet.imitator.records import ImitatorStep
 from pacnet.kernels.threads import use_one_thread
 
-NOVELTY_THRESHOLD = 1.0  # of an imitator's novelty
 _BLOCK = 50  # frames between two updates of the progress bar
 
 

@@ -122,7 +122,7 @@ def _draw(
     episodes: Sequence[ReplayedEpisode], behaviours: Sequence[str], fps: float, folder: Path
 ) -> None:
     """Draw a figure of each episode."""
-    from pacnet.cli.replay import NOVELTY_THRESHOLD
+    from pacnet.imitator.novelty import NOVEL
     from pacnet.evaluation.recognition_figures import recognition_over_time
 
     with progress_bar("drawing", len(episodes), "figure") as advance:
@@ -130,7 +130,7 @@ def _draw(
             shown, recognition = episode.recognized.demonstration, episode.recognized.recognition
             title = f"Episode {shown.episode}, recorded as “{shown.task or 'untitled'}”"
             figure = recognition_over_time(
-                recognition, behaviours, NOVELTY_THRESHOLD, 1 / fps, title, episode.acts.numpy()
+                recognition, behaviours, NOVEL, 1 / fps, title, episode.acts.numpy()
             )
             with warnings.catch_warnings():  # characters that the font lacks are drawn as boxes
                 warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pacnet.attention.config import SOFMConfig
 from pacnet.core.old_names import with_new_names
-from pacnet.core.validation import check_fields, is_integer, is_number
+from pacnet.core.validation import MAX_SAMPLES, check_fields, is_integer, is_number
 from pacnet.datasets.demonstrations import ACTION, dimension_names
 from pacnet.forward_models.config import MLPForwardModelConfig
 from pacnet.imitator.scaling import Scaling
@@ -72,7 +72,10 @@ class ImitatorConfig:
             "fps": (is_number(self.fps) and 0 < self.fps <= _FASTEST, f"> 0, ≤ {_FASTEST}"),
             "targets": (self.targets in ("action", "state"), '"action" or "state"'),
             "lead": (is_integer(self.lead, 1), "≥ 1"),
-            "follows_after": (is_integer(self.follows_after, 0), "≥ 0"),
+            "follows_after": (
+                is_integer(self.follows_after, 0) and self.follows_after <= MAX_SAMPLES,
+                f"from 0 to {MAX_SAMPLES}",
+            ),
             "budget": (self.budget is None or is_integer(self.budget, 1), "≥ 1, or None"),
             "forward_model": (
                 (self.targets == "state") == (self.forward_model is not None),

@@ -19,7 +19,7 @@ from torch import Tensor
 from pacnet.attention.records import NO_NODE
 from pacnet.competition.following import State
 from pacnet.competition.recognition import Recognition
-from pacnet.core.drafts import short_switch_interval
+from pacnet.core.drafts import short_switch_interval, snapshot_of
 from pacnet.core.growable_rows import check_storage
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import warn_renamed
@@ -29,11 +29,14 @@ from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
 from pacnet.imitator.learning import Draft
+from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.recognizing import recognizer_of
 from pacnet.imitator.records import EpisodeReport, Followed, ImitatorStep, task_name
 from pacnet.imitator.state import ImitatorState, Known
 from pacnet.kernels.engine import Engine
 from pacnet.schemas.targets import targets_ahead
+
+_END = 0.1  # [s] before the last frame of a demonstration, from which it is done
 
 
 def full_precision() -> AbstractContextManager[object]:
@@ -179,7 +182,7 @@ class Imitator(ImitatorState):
         follow(scaled, shown, known.allowed, state, known.settings, known.correction, wanted)
         nearest, heaviest = state.nearest.item(), state.heaviest.item()
         score = known.detector.score(scaled, None if nearest < 0 else shown.percepts[nearest])
-        is_novel = not score.novelty <= 1  # NaN, which cannot be compared, counts as novel
+        is_novel = not score.novelty <= NOVEL  # NaN, which cannot be compared, counts as novel
         target = None if heaviest < 0 else wanted.astype(np.float32)
         action = None if is_novel or target is None else self._action(percept, target)
         unit = known.correction.unit[score.dimension].item()
@@ -191,7 +194,7 @@ class Imitator(ImitatorState):
             score.deviation * unit,
             score.threshold * unit,
             state.progress.item(),
-            heaviest >= 0 and _is_at_end(known, state, heaviest),
+            heaviest >= 0 and _is_at_end(known, state, heaviest, self.config.fps),
             _followed(known, state),
             target,
         )
@@ -252,7 +255,8 @@ class Imitator(ImitatorState):
         """
         normalized = self.sofm.normalize(percepts)
         with self.state_lock:
-            shown, detector, tasks = self.memory.shown(), self.novelty_detector, self.tasks
+            shown, tasks = self.memory.shown(), self.tasks
+            detector = snapshot_of(self.novelty_detector)
             attention = self.sofm.read(normalized)
         factor = (self.sofm.scale.numpy() / self._scale).astype(np.float32)[None]
         recognizer = recognizer_of(shown, len(tasks), factor)
@@ -265,7 +269,7 @@ class Imitator(ImitatorState):
             soon / self.sofm.scale,
             end / self.sofm.scale,
             novelty,
-            novelty > 1,
+            novelty > NOVEL,
             torch.where(attention.novelty, NO_NODE, attention.winner),
         )
 
@@ -326,10 +330,11 @@ class Imitator(ImitatorState):
         return report
 
 
-def _is_at_end(known: Known, state: State, slot: int) -> bool:
-    """Return whether a followed demonstration is at its last frame."""
+def _is_at_end(known: Known, state: State, slot: int, fps: float) -> bool:
+    """Return whether a followed demonstration is in its last tenth of a second that is kept."""
     number, shown = state.demonstration[slot], known.shown
-    return bool(shown.time[state.row[slot]] == shown.frames[number] - 1)
+    last = shown.time[shown.first[number + 1] - 1]
+    return bool(shown.time[state.row[slot]] >= last - _END * fps)
 
 
 def _followed(known: Known, state: State) -> tuple[Followed, ...]:

@@ -9,6 +9,7 @@ from torch import Tensor
 from pacnet.attention.records import Observation
 from pacnet.attention.sofm import HabituatingSOFM
 from pacnet.core.drafts import adopt, draft_of, snapshot_of
+from pacnet.core.validation import MAX_VALUE
 from pacnet.forward_models.correction import LinearCorrection
 from pacnet.imitator.budget import kept_rows
 from pacnet.imitator.config import ImitatorConfig
@@ -57,13 +58,12 @@ class Draft:
         scaled = np.ascontiguousarray(percepts.numpy() * config.scaling.array)
         novelty = self._relate(scaled, targets, task, config.fps)
         changes = config.scaling.recent(config.fps).changes(scaled)
-        changes = (changes * config.scaling.change_ratio).astype(np.float32)
-        self.memory.append(scaled, changes, targets, task, correction)
+        changes = (changes * config.scaling.change_ratio).clip(-MAX_VALUE, MAX_VALUE)
+        self.memory.append(scaled, changes.astype(np.float32), targets, task, correction)
         if config.budget is not None and len(self.memory.rows) > config.budget:
             self._forget(config.budget, self.sofm.scale / percepts.new_tensor(config.scaling.scale))
         if not correction and self.detector.is_due(len(self.memory)):
-            flags = self.memory.demonstrations.live("correction").numpy() > 0
-            self.detector.calibrate(self.memory.shown(), flags)
+            self.detector.calibrate(self.memory.shown())
         return observed, novelty
 
     def _relate(
@@ -71,10 +71,11 @@ class Draft:
     ) -> float | None:
         """Compare a demonstration with its neighbours; return its largest novelty."""
         shown = self.memory.shown()
-        if len(shown.percepts) == 0:
+        if not (shown.task == task).any():
             apart = max(1, round(_APART * fps))
             deviations = percepts[apart:] - percepts[:-apart]
             self.correction.add(deviations, targets[apart:] - targets[:-apart], within=True)
+        if len(shown.percepts) == 0:
             return None
         novelty, rows = self.detector.largest(percepts, shown)
         frames, rows = (
@@ -90,8 +91,11 @@ class Draft:
 
     def _forget(self, budget: int, factor: Tensor) -> None:
         """Keep no more targets than the budget; `factor` turns scaled percepts into the map's."""
-        winners = self.sofm.read(self.memory.rows.live("percept") * factor).winner
-        self.memory.select(kept_rows(winners.numpy(), budget))
+        node = self.sofm.read(self.memory.rows.live("percept") * factor).winner.numpy()
+        shown = self.memory.shown()
+        rows = np.diff(shown.first)
+        task, demonstration = shown.task.repeat(rows), np.arange(len(rows)).repeat(rows)
+        self.memory.select(kept_rows(task * len(self.sofm) + node, demonstration, budget))
         self.renumbered = True
 
     def replace(

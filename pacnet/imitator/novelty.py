@@ -21,6 +21,7 @@ from pacnet.core.integrity import check_conditions, check_on_load, check_structu
 from pacnet.core.validation import is_integer
 from pacnet.schemas.demonstration_memory import Shown
 
+NOVEL = 1.0  # novelty above which a percept is novel
 SMOOTHING = 0.2  # [s] over which deviations are averaged, so that one bad frame is not novel
 PRIOR = 1.2  # least threshold from N demonstrations, in shares of their range, times N + 1
 NEIGHBOURS = 5  # rows that are found for each frame of a demonstration
@@ -32,6 +33,7 @@ _MIN_TYPICAL = 0.2  # of one dimension, in shares of the quadratic mean over all
 _MIN_RANGE = 0.5  # of one dimension, in shares of the quadratic mean over all
 _COMPARED = 40  # demonstrations that are left out in turn, at most
 _LEFT_OUT_FRAMES = 8_000  # of all of them; of more, every second, third, ... counts
+_MOST, _LEAST_CAP = 5.0, 1.5  # thresholds by which one frame deviates, for its part in the average
 _SEARCHED = 100_000  # frames; of more, the deviation is measured at every second, third, ... frame
 _GROWTH = 1.1  # demonstrations are compared again when there are so many times as many
 
@@ -71,12 +73,13 @@ class NoveltyDetector(nn.Module):
         self.register_buffer("thresholds", torch.ones(dimensions))
         self.register_buffer("compared", torch.tensor(0))
         self._deviation = np.zeros(dimensions, np.float32)  # smoothed, of a recall episode
+        self._frames = 0  # of it
         copy_on_state_dict(self)
         check_on_load(self)
 
     def reset(self) -> None:
-        """Start a new recall episode: the smoothed deviation is zero again."""
-        self._deviation[:] = 0
+        """Start a new recall episode: its first percept is judged alone."""
+        self._deviation[:] = self._frames = 0
 
     def score(
         self, percept: NDArray[np.float32], nearest: NDArray[np.float32] | None
@@ -91,7 +94,9 @@ class NoveltyDetector(nn.Module):
         if nearest is None:
             return NoveltyScore(math.inf, 0, math.inf, float(thresholds[0]))
         residual = percept - nearest
-        self._deviation += self.rate * (np.abs(residual) - self._deviation)
+        apart = np.minimum(np.abs(residual), self._cap * thresholds)
+        self._frames += 1
+        self._deviation += max(self.rate, 1 / self._frames) * (apart - self._deviation)
         ratio = self._deviation / thresholds
         most = int(ratio.argmax())
         return NoveltyScore(
@@ -100,8 +105,7 @@ class NoveltyDetector(nn.Module):
 
     def novelty(self, percepts: NDArray[np.float32], shown: Shown) -> NDArray[np.float32]:
         """Return the novelty of an episode's percepts `[T]`, as `score` gives it; see `largest`."""
-        deviations, _ = self._deviations(percepts, shown, None, 1)
-        return (deviations / self.thresholds.numpy()).max(axis=1)
+        return self._novelty(percepts, shown, 1, 1)[0]
 
     def largest(self, percepts: NDArray[np.float32], shown: Shown) -> tuple[float, NDArray]:
         """Return the largest novelty of an episode, and the nearest rows shown.
@@ -115,22 +119,42 @@ class NoveltyDetector(nn.Module):
             frames `[::stride]`, −1 where there are fewer; `stride` is that of `strides`.
         """
         stride = strides(shown)
-        deviations, rows = self._deviations(percepts[::stride], shown, None, stride, NEIGHBOURS)
-        return float((deviations.max(axis=0) / self.thresholds.numpy()).max()), rows
+        novelty, rows = self._novelty(percepts[::stride], shown, stride, NEIGHBOURS)
+        return float(novelty.max()), rows
+
+    def _novelty(
+        self, percepts: NDArray[np.float32], shown: Shown, stride: int, neighbours: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """Return the novelty `[N]` of every `stride`-th percept, and nearest rows."""
+        apart, rows = _apart(percepts, shown, None, neighbours)
+        thresholds = self.thresholds.numpy()
+        smooth = self._smooth(np.minimum(apart, self._cap * thresholds), stride)
+        return (smooth / thresholds).max(axis=1), rows
+
+    @property
+    def _cap(self) -> float:
+        """The most thresholds of one frame's deviation: it alone is not novel."""
+        return max(_LEAST_CAP, min(_MOST, 0.9 / self.rate))
+
+    def _smooth(self, apart: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
+        """Return the averages of every `stride`-th deviation `[N, D]`, in place."""
+        rate, smooth = min(1.0, stride * self.rate), np.zeros(self.dimensions, np.float32)
+        for number, frame in enumerate(apart):
+            smooth += max(rate, 1 / (number + 1)) * (frame - smooth)
+            frame[:] = smooth
+        return apart
 
     def is_due(self, demonstrations: int) -> bool:
         """Return whether there are enough more demonstrations to compare all again."""
         return demonstrations >= _GROWTH * int(check_storage("compared", self.compared))
 
     @torch.no_grad()
-    def calibrate(self, shown: Shown, corrections: NDArray[np.bool_]) -> None:
+    def calibrate(self, shown: Shown) -> None:
         """Take the thresholds from how far demonstrations are from the others of their task.
 
-        Args:
-            shown: all demonstrations.
-            corrections: those that are known to be unlike the others, bool `[E]`; they are left
-                out.
+        Corrections are known to be unlike the others, and are not asked.
         """
+        corrections = shown.correction
         usual = np.flatnonzero(~corrections & (np.diff(shown.first) > 0))
         alike = [number for number in usual if np.sum(shown.task[usual] == shown.task[number]) > 1]
         some = np.unique(np.linspace(0, len(alike) - 1, min(_COMPARED, len(alike))).round())
@@ -151,7 +175,7 @@ class NoveltyDetector(nn.Module):
             allowed = shown.task == shown.task[number]
             allowed[number] = False
             part = shown.percepts[shown.first[number] : shown.first[number + 1]][::stride]
-            every.append(self._deviations(part, shown, allowed, stride)[0])
+            every.append(self._smooth(_apart(part, shown, allowed, 1)[0], stride))
         typical = np.quantile(np.concatenate(every), _TYPICAL, axis=0)
         typical = np.maximum(typical, _MIN_TYPICAL * math.sqrt(np.square(typical).mean()))
         typical = np.maximum(typical, 1e-9)  # of demonstrations that are the same
@@ -159,28 +183,6 @@ class NoveltyDetector(nn.Module):
         few = min(1.0, _FEW / len(left_out))
         usual = float(np.quantile(largest, max(_MANY_USUAL, _USUAL * few)))
         return typical * usual * (1 + _MARGIN * few)
-
-    def _deviations(
-        self,
-        percepts: NDArray[np.float32],
-        shown: Shown,
-        allowed: NDArray[np.bool_] | None,
-        stride: int,
-        neighbours: int = 1,
-    ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-        """Return smoothed deviations `[N, D]` of every `stride`-th percept, and nearest rows."""
-        from pacnet.competition.following_kernels import nearest_rows  # imports numba
-
-        if allowed is None:
-            allowed = np.ones(len(shown.frames), bool)
-        rows = np.empty((len(percepts), neighbours), np.int64)
-        nearest_rows(np.ascontiguousarray(percepts), shown, allowed, rows)
-        apart = np.abs(percepts - shown.percepts[rows[:, 0]])
-        rate, smooth = min(1.0, stride * self.rate), np.zeros(self.dimensions, np.float32)
-        for frame in apart:
-            smooth += rate * (frame - smooth)
-            frame[:] = smooth
-        return apart, rows
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
@@ -192,6 +194,22 @@ class NoveltyDetector(nn.Module):
                 "demonstrations compared ≥ 0": tensors["compared"] >= 0,
             }
         )
+
+
+def _apart(
+    percepts: NDArray[np.float32],
+    shown: Shown,
+    allowed: NDArray[np.bool_] | None,
+    neighbours: int,
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Return how far percepts `[N, D]` are from the nearest rows, and these, `[N, neighbours]`."""
+    from pacnet.competition.following_kernels import nearest_rows  # imports numba
+
+    if allowed is None:
+        allowed = np.ones(len(shown.frames), bool)
+    rows = np.empty((len(percepts), neighbours), np.int64)
+    nearest_rows(np.ascontiguousarray(percepts), shown, allowed, rows)
+    return np.abs(percepts - shown.percepts[rows[:, 0]]), rows
 
 
 def strides(shown: Shown) -> int:

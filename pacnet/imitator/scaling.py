@@ -23,6 +23,7 @@ _SHARE = 0.1  # of the median spread of dimensions that are alike: the least of 
 _NOISE = 4.0  # how much less a dimension counts for its noise: pure noise counts a fifth
 _MOVES = 0.1  # distance that counts as movement, in shares of the mean from frame to frame
 _SECOND_DIFFERENCE = 0.6745 * 6**0.5  # median size of x[t + 1] − 2 x[t] + x[t − 1] of white noise
+_LARGEST = 1e30  # of a factor, far within float32
 _BEYOND_NOISE = 2.5  # lengths of the noise that count as movement, at least
 # What the last part of a dimension's name says about its unit.
 _UNITS = {
@@ -54,10 +55,14 @@ class Scaling:
         for name in ("scale", "change_scale"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         factors = all(map(is_number, (*self.scale, *self.change_scale)))
+        single = factors and np.abs(np.array([*self.scale, *self.change_scale])).max() < _LARGEST
         alike = len(self.scale) == len(self.change_scale) > 0
         checks = {
-            "scale": (factors and alike and min(self.scale) > 0, "as positive finite factors"),
-            "change_scale": (factors and alike and min(self.change_scale) >= 0, "as factors ≥ 0"),
+            "scale": (
+                single and alike and min(self.scale) > 1 / _LARGEST,
+                "as positive finite factors",
+            ),
+            "change_scale": (single and alike and min(self.change_scale) >= 0, "as factors ≥ 0"),
             "movement": (is_number(self.movement) and self.movement >= 0, "≥ 0"),
         }
         check_fields(self, checks)
@@ -144,7 +149,7 @@ def _least_spread(
     spread: NDArray[np.float64], kinds: Sequence[tuple[str, str]]
 ) -> NDArray[np.float64]:
     """Return the least spread of each dimension, a share of that of those that are alike."""
-    least = np.full(len(spread), _SHARE * float(np.median(spread[spread > 0])))
+    least = np.full(len(spread), _SHARE * float(spread[spread > 0].min()))
     for kind in set(kinds):
         alike = np.array([other == kind for other in kinds])
         if spread[alike].any():

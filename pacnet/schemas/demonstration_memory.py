@@ -52,6 +52,8 @@ class Shown(NamedTuple):
     """Mean distance from one frame to the next, scaled, `[E]`."""
     task: NDArray[np.int64]
     """Number of the task that each demonstration shows, `[E]`."""
+    correction: NDArray[np.bool_]
+    """Whether each showed what to do where all was novel, `[E]`."""
     box_first: NDArray[np.int64]
     """The first row in each box, and the end of the last one, `[C + 1]`."""
     box_of: NDArray[np.int64]
@@ -146,6 +148,10 @@ class DemonstrationMemory(nn.Module):
         if self._shown is not None:
             self._keep(self._shown)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out of copies what is derived from the rows."""
+        return {**self.__dict__, "_shown": None, "_versions": None}
+
     def _keep(self, shown: Shown) -> Shown:
         self._versions, self._shown = BufferVersions(self), shown
         return shown
@@ -159,7 +165,7 @@ class DemonstrationMemory(nn.Module):
         return Shown(
             rows["percept"], rows["change"], rows["target"], rows["time"],
             np.r_[0, np.cumsum(own["rows"])], own["frames"], own["pace"].astype(np.float64),
-            own["task"],
+            own["task"], own["correction"] > 0,
             none, none, box, box,
         )  # fmt: skip
 
