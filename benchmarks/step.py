@@ -159,6 +159,7 @@ def shown_many(episodes: Demonstrations, count: int) -> Imitator:
         scaled = shown.percepts.numpy() * config.scaling.array
         changes = config.scaling.recent(config.fps).changes(scaled) * config.scaling.change_ratio
         memory.append(scaled, changes.astype(np.float32), shown.action.numpy(), 0, correction=False)
+        imitating.reports.append(imitating.reports[-1]._replace(episode=shown.episode))
     imitating.learn(replace(first, episodes=episodes.episodes[count : count + 1]))
     return imitating
 
