@@ -58,6 +58,27 @@ def test_reports_say_what_was_learned(demonstrations: Demonstrations):
     assert imitator.tasks == ("reach", "reach far")
 
 
+def test_actions_of_other_tasks_are_no_correction():
+    """To the right, and beside that to the left: the place beside the path changes nothing."""
+
+    def along(number: int, y: float, task: str, speed: float) -> Demonstration:
+        x = torch.linspace(0, 1, 100)
+        state = torch.stack([x, torch.full_like(x, y)], dim=1)
+        return Demonstration(number, task, state, torch.empty(100, 0), torch.full((100, 1), speed))
+
+    ways = (("right", 0.0, 1.0), ("right", 0.02, 1.0), ("left", 0.1, -1.0), ("left", 0.12, -1.0))
+    episodes = [along(number, y, task, v) for number, (task, y, v) in enumerate(ways)]
+    names = {"observation.state": ("x", "y"), "action": ("speed",)}
+    both = Demonstrations(FPS, names, tuple(episodes), "both ways")
+    imitator = Imitator.from_demonstrations(both)
+    imitator.learn(both)
+    assert imitator.correction.gain() == pytest.approx(np.zeros((2, 1)), abs=1e-6)
+    for task, speed in (("right", 1.0), ("left", -1.0)):
+        imitator.reset(task)
+        # It is near the demonstrations of both tasks, and far from none.
+        assert imitator.step(np.float32([0.5, 0.06])).target == pytest.approx([speed], abs=1e-6)
+
+
 def test_learning_at_once_equals_learning_one_after_the_other(demonstrations: Demonstrations):
     at_once, piecemeal = (Imitator.from_demonstrations(demonstrations) for _ in range(2))
     at_once.learn(demonstrations)

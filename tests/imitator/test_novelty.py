@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from pacnet.imitator.novelty import ALONE, SMOOTHING, NoveltyDetector
+from pacnet.imitator.novelty import PRIOR, SMOOTHING, NoveltyDetector
 from pacnet.schemas.demonstration_memory import DemonstrationMemory, Shown
 
 FPS = 10  # at which the deviation is averaged over two frames
+ALONE = PRIOR / 2  # threshold where nothing can be compared, in shares of the range
 
 
 def memory(*paths: object, tasks: tuple[int, ...] = (), corrections: tuple[int, ...] = ()) -> Shown:
@@ -63,21 +64,33 @@ def test_thresholds_of_two_demonstrations_match_a_calculation_by_hand():
     detector = calibrated([0.0, 0.0, 10.0, 10.0], [1.0, 1.0, 13.0, 13.0], fps=5)
     # At 5 frames a second nothing is averaged. Left out, the first is 1, 1, 3 and 3 from the
     # other, and the other from it too: a quantile of 0.9 of 1, 1, 1, 1, 3, 3, 3, 3 is 3. The
-    # largest of each is 3, once what is typical. Of two the threshold is 1 + 5 / (2 + 4) as much.
+    # largest of each is 3, once what is typical. Of so few the threshold is 1.9 times as much,
+    # which is above 1.2 / (2 + 1) of the range, 13.
     assert detector.rate == 1
-    assert detector.thresholds.tolist() == pytest.approx([3 * (1 + 5 / 6)])
+    assert detector.thresholds.tolist() == pytest.approx([1.9 * 3])
     assert int(detector.compared) == 2
 
 
-def test_thresholds_are_no_less_than_a_share_of_the_range():
+def test_thresholds_of_many_demonstrations_match_a_calculation_by_hand():
+    # Two for each of eight tasks, which are 1, 2, ..., 8 from one another.
+    paths = [[place] for apart in range(1, 9) for place in (0, apart)]
+    detector = calibrated(*paths, tasks=tuple(np.arange(16) // 2), fps=5)
+    # Deviations are 1, 1, 2, 2, ..., 8, 8: a quantile of 0.9 is 7.5, half-way from the 14th to the
+    # 15th. Of 16 there is half of the margin, 0.45, and the quantile of their largest is no less
+    # than 0.3: the 5.5th of 1 / 7.5, 1 / 7.5, ..., 8 / 7.5, which is 3 / 7.5.
+    assert detector.thresholds.tolist() == pytest.approx([7.5 * 3 / 7.5 * 1.45])
+
+
+@pytest.mark.parametrize(("count", "share"), [(2, 0.4), (3, 0.3), (11, 0.1)])
+def test_thresholds_are_no_less_than_a_share_of_the_range(count: int, share: float):
     same = [0.0, 10.0, 5.0]
-    assert calibrated(same, same, same).thresholds.tolist() == pytest.approx([0.12 * 10])
+    assert calibrated(*[same] * count).thresholds.tolist() == pytest.approx([share * 10])
 
 
 def test_one_demonstration_gives_a_share_of_its_range():
     path = np.stack([np.linspace(0, 10, 50), np.linspace(5, 3, 50), np.ones(50)], axis=1)
-    # Where nothing changes, a fifth of the quadratic mean of 10, 2 and 0 counts as range.
-    least = 0.2 * math.sqrt((100 + 4 + 0) / 3)
+    # Where nothing changes, half of the quadratic mean of 10, 2 and 0 counts as range.
+    least = 0.5 * math.sqrt((100 + 4 + 0) / 3)
     expected = ALONE * np.array([10, max(2, least), least])
     assert calibrated(path).thresholds.tolist() == pytest.approx(expected.tolist())
 
@@ -92,7 +105,7 @@ def test_of_each_task_a_single_demonstration_gives_a_share_of_the_range_of_all(c
 def test_only_demonstrations_of_one_task_are_compared():
     paths = [[0.0, 10.0], [3.0, 13.0], [1.0, 11.0]]  # the last one is nearer to both
     detector = calibrated(*paths, tasks=(0, 0, 1), fps=5)
-    assert detector.thresholds.tolist() == pytest.approx([3 * 11 / 6])
+    assert detector.thresholds.tolist() == pytest.approx([1.9 * 3])
     assert calibrated(*paths, fps=5).thresholds.tolist() < detector.thresholds.tolist()
 
 

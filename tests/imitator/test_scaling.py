@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from reaching import FPS
+from reaching import FPS, reach, shown
 
+from pacnet.imitator import Imitator
 from pacnet.imitator.scaling import Scaling, choose_scaling, kinds_of
 
 
@@ -28,7 +29,7 @@ def test_each_dimension_is_divided_by_its_spread_over_all_episodes():
 
 
 def test_a_dimension_that_hardly_moves_is_no_finer_than_a_tenth_of_those_that_are_alike():
-    there = np.tile([-1.0, 1.0], 50)  # a standard deviation of 1
+    there = np.repeat([-1.0, 1.0], 50)  # a standard deviation of 1
     episode = columns(there, 3 * there, 5 * there, 1e-3 * there)
     scale = scale_of(episode, names=("a", "b", "c", "d"))
     # The median of 0.001, 1, 3 and 5 is 2.
@@ -48,13 +49,13 @@ def test_a_dimension_that_settles_at_the_beginning_and_then_rests_does_not_decid
 
 
 def test_a_dimension_that_never_changes_is_no_finer_either():
-    there = np.tile([-1.0, 1.0], 50)
+    there = np.repeat([-1.0, 1.0], 50)
     episode = columns(there, np.full(100, 7.0))
     assert 1 / scale_of(episode, names=("a", "b")) == pytest.approx([1, 0.1])
 
 
 def test_only_dimensions_of_one_unit_are_alike():
-    there = np.tile([-1.0, 1.0], 50)
+    there = np.repeat([-1.0, 1.0], 50)
     episode = columns(100 * there, 100 * there, 0.5 * there, 0.5 * there)
     names = ("arm.pos", "hand.pos", "arm.vel", "hand.vel")
     assert 1 / scale_of(episode, names=names) == pytest.approx([100, 100, 0.5, 0.5])
@@ -82,10 +83,59 @@ def test_changes_are_a_quadratic_mean_of_one_also_of_what_moves_at_one_speed():
 
 
 def test_movement_is_a_tenth_of_the_mean_step():
-    # A standard deviation of 1; steps of 2 each.
-    assert choose_scaling([columns(np.tile([-1, 1], 50))], named("a"), FPS).movement == (
-        pytest.approx(0.2)
+    # 0, 1, ..., 99: a variance of (100² − 1) / 12, and steps of 1 each.
+    movement = choose_scaling([columns(np.arange(100))], named("a"), FPS).movement
+    assert movement == pytest.approx(0.1 / (9999 / 12) ** 0.5)
+
+
+def noisy(noise: float, frames: int = 20_000) -> torch.Tensor:
+    """A slow wave of a standard deviation of 1, and noise."""
+    rng, turn = np.random.default_rng(0), np.linspace(0, 8 * np.pi, frames)
+    return columns(2**0.5 * np.sin(turn), noise * rng.standard_normal(frames))
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.0])
+def test_a_dimension_of_pure_noise_counts_a_fifth(noise: float):
+    scale = scale_of(noisy(noise), names=("a", "b"))
+    assert scale == pytest.approx([1, 1 / (5 * noise)], rel=0.03)
+
+
+def test_a_dimension_that_is_partly_noise_counts_less_by_its_share():
+    wave, noise = noisy(0.5).numpy().T
+    # A variance of 1 + 0.25, of which a fifth is noise.
+    scale = scale_of(columns(wave, wave + noise), names=("a", "b"))
+    assert 1 / scale[1] == pytest.approx(1.25**0.5 * (1 + 4 * 0.2), rel=0.03)
+
+
+def test_the_change_of_pure_noise_counts_less_too():
+    episode = noisy(1.0)
+    scaling = choose_scaling([episode], named("a", "b"), FPS)
+    changes = scaling.recent(FPS).changes((episode.numpy() * scaling.array).astype(np.float32))
+    wave, noise = np.sqrt(np.square(changes * scaling.change_ratio).mean(axis=0))
+    assert wave == pytest.approx(1, rel=0.05)
+    # No less than a fifth; the noise of percepts that lie apart is larger than that of all.
+    assert 0.2 < noise < 0.4
+
+
+def test_noise_is_no_movement():
+    # A fifth is the length of the noise, scaled; two draws of it are seldom 2.5 lengths apart.
+    assert choose_scaling([noisy(1.0)], named("a", "b"), FPS).movement == (
+        pytest.approx(2.5 / 5, rel=0.03)
     )
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_robot_that_stands_where_the_path_ends_and_begins_does_not_begin_again(seed: int):
+    demonstrations = shown(reach(seed))
+    imitator = Imitator.from_demonstrations(demonstrations)
+    imitator.learn(demonstrations)
+    rng, at, progress = np.random.default_rng(seed), np.zeros(2), []
+    for _ in range(400):  # 300 were shown
+        step = imitator.step(np.float32([*at, 0.005 * rng.standard_normal()]))
+        at = at if step.action is None else step.action
+        progress.append(step.progress)
+    assert min(progress[:100]) < 0.1
+    assert min(progress[330:]) > 0.99
 
 
 def test_the_scale_does_not_depend_on_the_frame_rate():
