@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from reaching import FRAMES, NAMES, assert_same, follow, reach, shown
+from reaching import FPS, FRAMES, NAMES, assert_same, follow, reach, shown
 
-from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator import Imitator
 from pacnet.schemas.demonstration_memory import DemonstrationMemory
 

@@ -514,7 +514,9 @@ def test_it_holds_at_novel_percepts(policy: PACNetPolicy, dataset: Demonstration
         action = policy.select_action(known)
         assert policy.last_steps[0].is_novel == torch.equal(action, last)
     assert not policy.last_steps[0].is_novel  # and it has gone on, where it had stopped
-    assert float((action - shown.action[60]).abs().max()) < 0.1
+    # Where a robot stays, the position in a demonstration runs ahead by half a second at most.
+    soon = shown.action[60 : 61 + FPS // 2]
+    assert float((action - soon).abs().amax(dim=1).min()) < 0.05  # a step of the movement
 
 
 def test_a_robot_holds_still_before_its_first_action():
