@@ -122,8 +122,8 @@ def _draw(
     episodes: Sequence[ReplayedEpisode], behaviours: Sequence[str], fps: float, folder: Path
 ) -> None:
     """Draw a figure of each episode."""
-    from pacnet.imitator.novelty import NOVEL
     from pacnet.evaluation.recognition_figures import recognition_over_time
+    from pacnet.imitator.novelty import NOVEL
 
     with progress_bar("drawing", len(episodes), "figure") as advance:
         for episode in episodes:
