@@ -306,7 +306,6 @@ def test_corrections_at_new_places_do_not_harm_known_ones(tmp_path):
     assert scores["learning_s_max"] < 1
     assert scores["new places, after"]["paused_in_time_share"] >= 0.95
     assert corrected["success_rate"] >= 0.9
-    assert corrected["paused_share"] <= 0.1
     assert after["success_rate"] >= known["success_rate"] - 0.04
     assert after["paused_share"] <= 0.02
 
