@@ -291,7 +291,7 @@ def _farthest(percept, rows, some):
     for row in some:
         apart = NOTHING if row == NO_ONE else float(_distance(percept, rows, row))
         farthest = max(farthest, apart)
-    return np.nextafter(farthest, NOTHING)
+    return farthest * 1.000001 + 1e-30  # boxes are rounded otherwise than distances
 
 
 @njit

@@ -22,7 +22,7 @@ from pacnet.core.validation import is_integer
 from pacnet.schemas.demonstration_memory import Shown
 
 NOVEL = 1.0  # novelty above which a percept is novel
-SMOOTHING = 0.2  # [s] over which deviations are averaged, so that one bad frame is not novel
+SMOOTHING = 0.2  # [s] over which deviations are averaged
 PRIOR = 1.2  # least threshold from N demonstrations, in shares of their range, times N + 1
 NEIGHBOURS = 5  # rows that are found for each frame of a demonstration
 _TYPICAL = 0.9  # quantile of the deviations
@@ -42,7 +42,8 @@ class NoveltyScore(NamedTuple):
     """How far a percept is from what was shown, in the dimension where it is farthest."""
 
     novelty: float
-    """Smoothed deviation over the threshold, in the dimension where that is largest; > 1 is new."""
+    """Smoothed deviation over the threshold, in the dimension where that is largest; > 1 is new. A
+    fifth of the percept's own deviation, if that is more."""
     dimension: int
     """Index of that dimension."""
     deviation: float
@@ -73,13 +74,13 @@ class NoveltyDetector(nn.Module):
         self.register_buffer("thresholds", torch.ones(dimensions))
         self.register_buffer("compared", torch.tensor(0))
         self._deviation = np.zeros(dimensions, np.float32)  # smoothed, of a recall episode
-        self._frames = 0  # of it
+        self._frames = np.zeros(1, np.int64)  # of it
         copy_on_state_dict(self)
         check_on_load(self)
 
     def reset(self) -> None:
         """Start a new recall episode: its first percept is judged alone."""
-        self._deviation[:] = self._frames = 0
+        self._deviation[:] = self._frames[:] = 0
 
     def score(
         self, percept: NDArray[np.float32], nearest: NDArray[np.float32] | None
@@ -95,9 +96,11 @@ class NoveltyDetector(nn.Module):
             return NoveltyScore(math.inf, 0, math.inf, float(thresholds[0]))
         residual = percept - nearest
         apart = np.minimum(np.abs(residual), self._cap * thresholds)
-        self._frames += 1
-        self._deviation += max(self.rate, 1 / self._frames) * (apart - self._deviation)
-        ratio = self._deviation / thresholds
+        self._frames[0] += 1
+        rate = max(self.rate, 1 / int(self._frames[0]))  # at first the mean of all
+        self._deviation += rate * (apart - self._deviation)
+        # A single frame that is very far off is novel, but only for itself.
+        ratio = np.maximum(self._deviation, np.abs(residual) / np.float32(_MOST)) / thresholds
         most = int(ratio.argmax())
         return NoveltyScore(
             float(ratio[most]), most, float(residual[most]), float(thresholds[most])
@@ -129,11 +132,11 @@ class NoveltyDetector(nn.Module):
         apart, rows = _apart(percepts, shown, None, neighbours)
         thresholds = self.thresholds.numpy()
         smooth = self._smooth(np.minimum(apart, self._cap * thresholds), stride)
-        return (smooth / thresholds).max(axis=1), rows
+        return (np.maximum(smooth, apart / np.float32(_MOST)) / thresholds).max(axis=1), rows
 
     @property
     def _cap(self) -> float:
-        """The most thresholds of one frame's deviation: it alone is not novel."""
+        """The most thresholds of one frame's deviation: it alone makes no later frame novel."""
         return max(_LEAST_CAP, min(_MOST, 0.9 / self.rate))
 
     def _smooth(self, apart: NDArray[np.float32], stride: int) -> NDArray[np.float32]:

@@ -55,7 +55,7 @@ class Scaling:
         for name in ("scale", "change_scale"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         factors = all(map(is_number, (*self.scale, *self.change_scale)))
-        single = factors and np.abs(np.array([*self.scale, *self.change_scale])).max() < _LARGEST
+        single = factors and max(map(abs, (*self.scale, *self.change_scale)), default=0) < _LARGEST
         alike = len(self.scale) == len(self.change_scale) > 0
         checks = {
             "scale": (
@@ -103,7 +103,7 @@ def choose_scaling(
     if not spread.any():
         raise ValueError("expected percepts that change, got the same one in every frame")
     noise = _noise(percepts)
-    noisy = spread * (1 + _NOISE * np.square(noise / np.maximum(spread, 1e-300)))
+    noisy = spread * (1 + _NOISE * np.minimum(1, np.square(noise / np.maximum(spread, 1e-300))))
     scale = 1 / np.maximum(noisy, _least_spread(spread, kinds_of(features)))
     scaled = [(part * scale).astype(np.float32) for part in percepts]
     steps = [np.linalg.norm(np.diff(part, axis=0), axis=1) for part in scaled]

@@ -27,10 +27,11 @@ def with_budget(count: int, budget: int = BUDGET) -> Imitator:
         ([10, 10], 6, [3, 3]),
         ([1, 10, 10], 9, [1, 4, 4]),  # what the first leaves is shared by the others
         ([2, 3, 100], 60, [2, 3, 55]),
-        ([10, 1, 10, 2], 10, [3, 1, 4, 2]),  # 7 are left for two
+        ([10, 1, 10, 2], 10, [4, 1, 3, 2]),  # 7 are left for two
         ([0, 5, 0], 3, [0, 3, 0]),
         ([4, 5], 100, [4, 5]),
-        ([3, 3, 3], 2, [0, 1, 1]),
+        ([3, 3, 3], 2, [1, 1, 0]),
+        ([5, 1, 9], 2, [1, 1, 0]),  # too few for all: the rarest are kept
     ],
 )
 def test_the_budget_is_shared_out_as_water_fills(counts, budget, expected):
@@ -48,12 +49,36 @@ def test_shares_are_never_more_than_the_budget_nor_than_there_are():
         assert full.all() or share[~full].min() >= share.max() - 1
 
 
-def test_of_each_node_rows_are_kept_evenly():
-    node = np.array([0] * 10 + [1] * 2)
-    # Node 1 keeps both, node 0 the rows in the middle of five equal parts: 1, 3, 5, 7, 9.
-    assert kept_rows(node, 7).nonzero()[0].tolist() == [1, 3, 5, 7, 9, 10, 11]
-    assert kept_rows(node, 12).all()
-    assert kept_rows(np.array([1, 0, 1, 0, 1, 1]), 2).nonzero()[0].tolist() == [3, 4]
+def test_of_each_situation_rows_are_kept_evenly():
+    situation, one = np.array([0] * 10 + [1] * 2), np.zeros(12, np.int64)
+    # Situation 1 keeps both, 0 the rows in the middle of five equal parts: 1, 3, 5, 7, 9.
+    assert kept_rows(situation, one, 7).nonzero()[0].tolist() == [1, 3, 5, 7, 9, 10, 11]
+    assert kept_rows(situation, one, 12).all()
+    # Of each demonstration in a situation equally many: 1 of its 2 rows, 2 of its 8.
+    of = np.array([0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1])
+    assert kept_rows(one, of, 4).nonzero()[0].tolist() == [0, 1, 4, 9]
+
+
+def test_no_demonstration_is_forgotten_for_later_ones():
+    imitator = with_budget(20, 400)
+    rows = imitator.memory.demonstrations.live("rows")
+    assert int(rows.min()) >= 10
+    assert int(rows.max()) <= 40
+    assert (
+        with_budget(20, 400).memory.rows.live("percept").equal(imitator.memory.rows.live("percept"))
+    )
+
+
+def test_a_task_keeps_its_part_beside_one_that_is_shown_more_often():
+    rare = shown(*(reach(number, task="rare") for number in range(3)))
+    often = shown(*(reach(number, task="often") for number in range(50, 62)))
+    imitator = Imitator.from_demonstrations(rare, budget=200)
+    imitator.learn(rare)
+    imitator.learn(often)
+    rows = imitator.memory.demonstrations.live("rows")
+    assert int(rows[:3].sum()) == pytest.approx(100, abs=25)
+    imitator.reset("rare")
+    assert imitator.step(reach(100).percepts[0]).action is not None
 
 
 def test_within_a_fifth_it_still_acts_at_every_frame():
@@ -65,8 +90,8 @@ def test_within_a_fifth_it_still_acts_at_every_frame():
         np.abs(step.action - action).max()
         for step, action in zip(steps, new.action.numpy(), strict=True)
     ]
-    assert np.median(wrong) < 0.05
-    assert max(wrong) < 0.2
+    assert np.median(wrong) < 0.1
+    assert max(wrong) < 0.4
 
 
 @pytest.mark.parametrize("budget", [1, 7, 450, 10_000])

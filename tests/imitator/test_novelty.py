@@ -30,8 +30,7 @@ def memory(*paths: object, tasks: tuple[int, ...] = (), corrections: tuple[int, 
 def calibrated(*paths: object, fps: float = FPS, **fields: tuple[int, ...]) -> NoveltyDetector:
     shown = memory(*paths, **fields)
     detector = NoveltyDetector(shown.percepts.shape[1], fps)
-    flags = np.isin(np.arange(len(paths)), fields.get("corrections", ()))
-    detector.calibrate(shown, flags)
+    detector.calibrate(shown)
     return detector
 
 
@@ -49,11 +48,12 @@ def test_scores_match_a_calculation_by_hand():
     assert detector.rate == pytest.approx(1 / (SMOOTHING * FPS)) == pytest.approx(0.5)
     detector.thresholds.copy_(torch.tensor([4.0, 8.0]))
     percept, nearest = np.float32([11, 6]), np.float32([10, 10])
-    # (1, −4) away: half of that is followed at first, then three quarters.
-    assert detector.score(percept, nearest) == pytest.approx((2 / 8, 1, -4, 8))
+    # (1, −4) away: the first percept counts whole, the second half.
+    assert detector.score(percept, nearest) == pytest.approx((4 / 8, 1, -4, 8))
+    assert detector.score(nearest, nearest) == pytest.approx((2 / 8, 1, 0, 8))
     assert detector.score(percept, nearest) == pytest.approx((3 / 8, 1, -4, 8))
     detector.reset()
-    assert detector.score(percept, nearest) == pytest.approx((2 / 8, 1, -4, 8))
+    assert detector.score(percept, nearest) == pytest.approx((4 / 8, 1, -4, 8))
 
 
 def test_without_training_data_everything_is_novel():
@@ -186,7 +186,7 @@ def test_calibrating_and_scoring_change_none_of_their_arguments():
     shown, percepts = memory(swing(0), swing(1)), swing(5)
     before = deepcopy((shown, percepts))
     detector = NoveltyDetector(4, FPS)
-    detector.calibrate(shown, np.zeros(2, bool))
+    detector.calibrate(shown)
     detector.largest(percepts, shown)
     detector.novelty(percepts, shown)
     detector.score(percepts[0], shown.percepts[0])

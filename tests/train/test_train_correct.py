@@ -268,9 +268,9 @@ def taught(dataset, seed, count):
 
 
 @pytest.mark.slow
-def test_what_was_learned_from_one_demonstration_is_corrected_at_several_places(tmp_path):
+def test_what_was_learned_from_a_few_demonstrations_is_corrected_at_several_places(tmp_path):
     """More corrections than demonstrations, and a further place is new still."""
-    demonstrations, imitator = taught(tmp_path / "dataset", 31, 1)
+    demonstrations, imitator = taught(tmp_path / "dataset", 31, 3)
     before = imitator.novelty_detector.thresholds
     places = draw_places((31, 1), 2)
     turns = correct.correct(imitator.eval(), demonstrations, places, 31, tmp_path / "corrected")
