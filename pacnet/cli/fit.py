@@ -71,7 +71,7 @@ def add_to(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--budget", type=whole_number(1), metavar="N",
-        help="keep the targets of N frames at most, chosen by novelty and habituation (all)",
+        help="keep the targets of N frames at most, equally many of each kind of situation (all)",
     )  # fmt: skip
     add_held_out(parser)
     parser.add_argument(

@@ -62,7 +62,7 @@ class State(NamedTuple):
     weight: NDArray[np.float64]  # [K], in the action; sums to 1
     heaviest: NDArray[np.int64]  # [1], index of the largest weight
     progress: NDArray[np.float64]  # [1]
-    nearest: NDArray[np.int64]  # [1], row of the nearest percept
+    nearest: NDArray[np.int64]  # [1], row of the nearest percept found
     distance: NDArray[np.float64]  # [1], squared, to it
     steps: NDArray[np.int64]  # [1]
     kept: NDArray[np.float32]  # [H, D], see `RecentPercepts`

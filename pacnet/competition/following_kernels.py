@@ -46,7 +46,10 @@ def follow(percept, shown, allowed, state, settings, correction, action):
     change_at(percept, state.kept, state.kept_count, settings.least, state.change)
     for k in range(len(percept)):
         state.change[k] *= settings.change_ratio[k]
-    state.nearest[0], state.distance[0] = NO_ONE, NOTHING
+    nearest = state.nearest[0]  # a candidate still, where a search is spread over steps
+    state.distance[0] = (
+        NOTHING if nearest == NO_ONE else _distance(percept, shown.percepts, nearest)
+    )
     begins = state.steps[0] == 0
     for slot in range(FOLLOWED):
         if state.demonstration[slot] != NO_ONE:

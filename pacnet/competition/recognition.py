@@ -35,9 +35,10 @@ class Recognition(NamedTuple):
     end_percept: Tensor
     """The percept expected at the end of that behaviour, `[T, D]`, in the percept's own units."""
     novelty: Tensor
-    """1 − exp(−distance to the nearest known percept), `[T]`."""
+    """Of a network 1 − exp(−distance to the nearest known percept), of an imitator as in its steps,
+    `[T]`."""
     is_novel: Tensor
-    """Whether the novelty is above `RecognitionConfig.novel_above`, bool `[T]`."""
+    """Whether the novelty is above `RecognitionConfig.novel_above`, of an imitator 1, `[T]`."""
     winner: Tensor
     """Node of the map, int64 `[T]`, or `NO_NODE` where the match is not good enough."""
 

@@ -61,7 +61,7 @@ class HeldOutScores(NamedTuple):
     """Name, as in `BASELINES` -> its error."""
 
 
-class Followed(NamedTuple):
+class ActedEpisode(NamedTuple):
     """What an imitator does at each of T frames."""
 
     sent: NDArray[np.float32]
@@ -138,7 +138,7 @@ def score(
     )
 
 
-def follow(imitator: Imitator, shown: Demonstration) -> Followed:
+def follow(imitator: Imitator, shown: Demonstration) -> ActedEpisode:
     """Return what an imitator does at the percepts of an episode, from its beginning."""
     begin(imitator, shown.task)
     sent = np.empty(shown.action.shape, np.float32)
@@ -148,7 +148,7 @@ def follow(imitator: Imitator, shown: Demonstration) -> Followed:
         step = imitator.step(percept)
         sent[frame] = last if step.action is None else step.action
         last, acted[frame], novel[frame] = sent[frame], step.action is not None, step.is_novel
-    return Followed(sent, acted, novel)
+    return ActedEpisode(sent, acted, novel)
 
 
 def begin(imitator: Imitator, task: str) -> None:
@@ -159,7 +159,7 @@ def begin(imitator: Imitator, task: str) -> None:
 class _Compared(NamedTuple):
     """A continuous part of an episode, with squared errors over all its frames and dimensions."""
 
-    followed: Followed
+    followed: ActedEpisode
     squares: dict[str, NDArray[np.float64]]  # name -> [N]
 
 

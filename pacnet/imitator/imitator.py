@@ -94,7 +94,7 @@ class Imitator(ImitatorState):
             targets: what the schemas store; see `ImitatorConfig`.
             lead: frames that a target lies ahead, where it is a state.
             engine: as of `HabituatingSOFM`.
-            budget: most targets that are kept, chosen by novelty and habituation; None for all.
+            budget: most targets that are kept; see `pacnet.imitator.budget`. None for all.
 
         Raises:
             ValueError: no demonstrations, percepts that never change, or actions that never do

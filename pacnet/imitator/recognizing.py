@@ -11,7 +11,7 @@ from pacnet.competition.recognition import Recognizer
 from pacnet.competition.timeline import make_timeline
 from pacnet.schemas.demonstration_memory import Shown
 
-_CONFIG = RecognitionConfig()  # the map's percepts are a quadratic mean of 1 from their mean
+_CONFIG = RecognitionConfig()  # its widths suit the map's percepts, whose spread is 1
 
 
 def recognizer_of(shown: Shown, tasks: int, factor: NDArray[np.float32]) -> Recognizer:

@@ -53,7 +53,8 @@ class ImitatorStep(NamedTuple):
     """What the imitator does at one percept of a control loop."""
 
     action: NDArray[np.float32] | None
-    """`[U]`; None where it does not act, and the caller holds or asks for help."""
+    """`[U]`; None where the percept is novel, where nothing was shown for the task, or where a
+    forward model finds none. The caller holds, or asks for help."""
     is_novel: bool
     """Whether the percept is unlike all training data."""
     novelty: float

@@ -115,6 +115,6 @@ def test_the_same_is_done_at_any_frame_rate():
         arrivals.append([step.is_done for step in done.steps].index(True) / fps)
         half_way.append(done.places[fps])
         assert done.places[-1] == pytest.approx(path[-1], abs=1e-3)
-    # Done is 0.1 s before the last frame, at 2 s − 1 / fps; the path is nearest to (0, 0.2) at 0.1 s.
+    # Done is 0.1 s before the last frame, at 2 s − 1 / fps; the path comes nearest at 0.1 s.
     assert arrivals == pytest.approx([1.8 - 1 / fps for fps in (10, 50, 200)], abs=0.05)
     assert np.ptp(half_way, axis=0).max() < 0.1

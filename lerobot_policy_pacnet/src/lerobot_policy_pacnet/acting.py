@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.imitator.imitator import Imitator, ImitatorStep
+from pacnet.imitator.imitator import Imitator
+from pacnet.imitator.records import ImitatorStep, task_name
 
 # Names of actions that keep moving a robot while they are repeated: speeds (x.vel, mobile_base.vx,
 # linear_velocity) and displacements (delta_x).
@@ -22,8 +23,8 @@ class Actor:
 
     Where a percept is novel and no action is supplied, it holds, and goes on as soon as percepts
     are known again. Holding repeats the last action, except for speeds and displacements
-    (`MOVING`), which are set to 0: a mobile base would drive on. Where nothing is recalled and
-    nothing is novel, the whole last action is repeated.
+    (`MOVING`), which are set to 0: a mobile base would drive on. Where a forward model finds no
+    action at a known percept, the whole last action is repeated.
 
     Args:
         imitator: a trained one, with which the actor shares what it knows now.
@@ -55,6 +56,7 @@ class Actor:
         Raises:
             ValueError: a task that was not shown.
         """
+        task = None if task is None else task_name(task)
         if task != self._task:
             self.imitator.reset(task)
             self._task = task
