@@ -90,15 +90,20 @@ class LinearCorrection(nn.Module):
             if got != wanted:
                 raise ValueError(f"expected {name} of shape {wanted}, got {got}")
         sums = tensors["products"]
-        squares = sums.diagonal(dim1=1, dim2=2)
         check_conditions(
             {
                 "finite sums": sums.isfinite().all() and tensors["responses"].isfinite().all(),
-                "products of differences": bool(
-                    (squares >= 0).all() and torch.allclose(sums, sums.transpose(1, 2), rtol=1e-4)
-                ),
+                "products of differences": _are_products(sums),
             }
         )
+
+
+def _are_products(sums: Tensor) -> bool:
+    """Return whether these may be sums of products, `[2, D, D]`: symmetric, without a negative."""
+    if not bool(sums.isfinite().all() and torch.allclose(sums, sums.mT, rtol=1e-4)):
+        return False
+    values = torch.linalg.eigvalsh(sums.double())
+    return bool((values[:, 0] >= -1e-4 * values.abs().amax(dim=1)).all())
 
 
 def find_position_targets(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacnet.core.old_names import old_names
-from pacnet.core.validation import check_index
+from pacnet.core.validation import check_index, is_number
 
 
 @old_names(unfamiliar="max_novelty")
@@ -92,7 +92,14 @@ def read_reports(rows: Any) -> list[EpisodeReport]:
     except (AttributeError, TypeError) as error:
         raise ValueError(f"expected the episode reports of an Imitator, got: {error}") from error
     for report in reports:
-        check_index("first_frame in a report", report.first_frame, 2**63)
-        if not isinstance(report.task, str):
-            raise ValueError(f"expected a task as a str in a report, got {report.task!r}")
+        for name in ("episode", "frames", "new_nodes", "nodes", "first_frame"):
+            check_index(f"{name} in a report", getattr(report, name), 2**63)
+        if not (isinstance(report.task, str) and isinstance(report.dataset, str)):
+            raise ValueError(f"expected a task and a dataset as str in a report, got {report}")
+        if not (isinstance(report.correction, bool) and _is_share(report.novel_share)):
+            raise ValueError(f"expected a share and a flag in a report, got {report}")
     return reports
+
+
+def _is_share(value: object) -> bool:
+    return is_number(value) and 0 <= value <= 1  # pyright: ignore[reportOperatorIssue]
