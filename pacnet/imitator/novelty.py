@@ -22,7 +22,7 @@ from pacnet.core.validation import is_integer
 from pacnet.schemas.demonstration_memory import Shown
 
 NOVEL = 1.0  # novelty above which a percept is novel
-SMOOTHING = 0.2  # [s] over which deviations are averaged
+SMOOTHING = 0.2  # [s] over which deviations are averaged, from zero on: an episode begins known
 PRIOR = 1.2  # least threshold from N demonstrations, in shares of their range, times N + 1
 NEIGHBOURS = 5  # rows that are found for each frame of a demonstration
 _TYPICAL = 0.9  # quantile of the deviations
@@ -74,13 +74,12 @@ class NoveltyDetector(nn.Module):
         self.register_buffer("thresholds", torch.ones(dimensions))
         self.register_buffer("compared", torch.tensor(0))
         self._deviation = np.zeros(dimensions, np.float32)  # smoothed, of a recall episode
-        self._frames = np.zeros(1, np.int64)  # of it
         copy_on_state_dict(self)
         check_on_load(self)
 
     def reset(self) -> None:
-        """Start a new recall episode: its first percept is judged alone."""
-        self._deviation[:] = self._frames[:] = 0
+        """Start a new recall episode: the smoothed deviation is zero again."""
+        self._deviation[:] = 0
 
     def score(
         self, percept: NDArray[np.float32], nearest: NDArray[np.float32] | None
@@ -96,9 +95,7 @@ class NoveltyDetector(nn.Module):
             return NoveltyScore(math.inf, 0, math.inf, float(thresholds[0]))
         residual = percept - nearest
         apart = np.minimum(np.abs(residual), self._cap * thresholds)
-        self._frames[0] += 1
-        rate = max(self.rate, 1 / int(self._frames[0]))  # at first the mean of all
-        self._deviation += rate * (apart - self._deviation)
+        self._deviation += self.rate * (apart - self._deviation)
         # A single frame that is very far off is novel, but only for itself.
         ratio = np.maximum(self._deviation, np.abs(residual) / np.float32(_MOST)) / thresholds
         most = int(ratio.argmax())
@@ -142,8 +139,8 @@ class NoveltyDetector(nn.Module):
     def _smooth(self, apart: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
         """Return the averages of every `stride`-th deviation `[N, D]`, in place."""
         rate, smooth = min(1.0, stride * self.rate), np.zeros(self.dimensions, np.float32)
-        for number, frame in enumerate(apart):
-            smooth += max(rate, 1 / (number + 1)) * (frame - smooth)
+        for frame in apart:
+            smooth += rate * (frame - smooth)
             frame[:] = smooth
         return apart
 

@@ -48,12 +48,11 @@ def test_scores_match_a_calculation_by_hand():
     assert detector.rate == pytest.approx(1 / (SMOOTHING * FPS)) == pytest.approx(0.5)
     detector.thresholds.copy_(torch.tensor([4.0, 8.0]))
     percept, nearest = np.float32([11, 6]), np.float32([10, 10])
-    # (1, −4) away: the first percept counts whole, the second half.
-    assert detector.score(percept, nearest) == pytest.approx((4 / 8, 1, -4, 8))
-    assert detector.score(nearest, nearest) == pytest.approx((2 / 8, 1, 0, 8))
+    # (1, −4) away: half of that is followed at first, then three quarters.
+    assert detector.score(percept, nearest) == pytest.approx((2 / 8, 1, -4, 8))
     assert detector.score(percept, nearest) == pytest.approx((3 / 8, 1, -4, 8))
     detector.reset()
-    assert detector.score(percept, nearest) == pytest.approx((4 / 8, 1, -4, 8))
+    assert detector.score(percept, nearest) == pytest.approx((2 / 8, 1, -4, 8))
 
 
 def test_without_training_data_everything_is_novel():
