@@ -489,7 +489,13 @@ def test_during_a_load_a_command_uses_all_old_or_all_new_tensors():
     sys.setswitchinterval(1e-6)
     thread.start()
     try:
-        seen = {acting.command_one(*row).item() for _ in range(1000)}
+        seen: set[float] = set()
+        for count in range(
+            100_000
+        ):  # until the other thread has had its turn, at least 1,000 times
+            seen.add(acting.command_one(*row).item())
+            if count >= 1000 and len(seen) > 1:
+                break
     finally:
         stop.set()
         thread.join()

@@ -56,7 +56,7 @@ def test_its_novelty_begins_anew(trained: Imitator):
     far[2] += 3 * trained.novelty_detector.thresholds.numpy()[2] / scale[2]  # of the glass
     trained.reset()
     first = trained.step(far).novelty
-    assert trained.step(far).novelty > first  # smoothed over steps
+    assert [trained.step(far).novelty for _ in range(12)][-1] > first  # smoothed over steps
     assert trained.fork().step(far).novelty == first
 
 
