@@ -19,7 +19,6 @@ pytest.importorskip("lerobot_policy_pacnet")
 import gymnasium
 from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
 from lerobot.envs.factory import make_env
-from lerobot.envs.utils import preprocess_observation
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot_policy_pacnet.acting import MOVING
 from lerobot_policy_pacnet.description import DatasetDescription
