@@ -35,6 +35,7 @@ _COMPARED = 40  # demonstrations that are left out in turn, at most
 _LEFT_OUT_FRAMES = 8_000  # of all of them; of more, every second, third, ... counts
 _MOST, _LEAST_CAP = 5.0, 1.5  # thresholds by which one frame deviates, for its part in the average
 _SEARCHED = 100_000  # frames; of more, the deviation is measured at every second, third, ... frame
+_COMPARED_WITH = 50_000  # frames; of more, every second, third, ... demonstration is compared with
 _GROWTH = 1.1  # demonstrations are compared again when there are so many times as many
 
 
@@ -105,7 +106,7 @@ class NoveltyDetector(nn.Module):
 
     def novelty(self, percepts: NDArray[np.float32], shown: Shown) -> NDArray[np.float32]:
         """Return the novelty of an episode's percepts `[T]`, as `score` gives it; see `largest`."""
-        return self._novelty(percepts, shown, 1, 1)[0]
+        return self._novelty(percepts, shown, 1, 1, np.ones(len(shown.frames), bool))[0]
 
     def largest(self, percepts: NDArray[np.float32], shown: Shown) -> tuple[float, NDArray]:
         """Return the largest novelty of an episode, and the nearest rows shown.
@@ -119,14 +120,19 @@ class NoveltyDetector(nn.Module):
             frames `[::stride]`, −1 where there are fewer; `stride` is that of `strides`.
         """
         stride = strides(shown)
-        novelty, rows = self._novelty(percepts[::stride], shown, stride, NEIGHBOURS)
+        novelty, rows = self._novelty(percepts[::stride], shown, stride, NEIGHBOURS, _some(shown))
         return float(novelty.max()), rows
 
     def _novelty(
-        self, percepts: NDArray[np.float32], shown: Shown, stride: int, neighbours: int
+        self,
+        percepts: NDArray[np.float32],
+        shown: Shown,
+        stride: int,
+        neighbours: int,
+        allowed: NDArray[np.bool_],
     ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Return the novelty `[N]` of every `stride`-th percept, and nearest rows."""
-        apart, rows = _apart(percepts, shown, None, neighbours)
+        apart, rows = _apart(percepts, shown, allowed, neighbours)
         thresholds = self.thresholds.numpy()
         smooth = self._smooth(np.minimum(apart, self._cap * thresholds), stride)
         return (np.maximum(smooth, apart / np.float32(_MOST)) / thresholds).max(axis=1), rows
@@ -172,8 +178,10 @@ class NoveltyDetector(nn.Module):
         frames, every = int(np.diff(shown.first)[left_out].sum()), []
         stride = 1 + max(frames // _LEFT_OUT_FRAMES, len(shown.percepts) // _SEARCHED)
         for number in left_out:
-            allowed = shown.task == shown.task[number]
-            allowed[number] = False
+            others = shown.task == shown.task[number]
+            others[number] = False
+            some = others & _some(shown)
+            allowed = some if some.any() else others
             part = shown.percepts[shown.first[number] : shown.first[number + 1]][::stride]
             every.append(self._smooth(_apart(part, shown, allowed, 1)[0], stride))
         typical = np.quantile(np.concatenate(every), _TYPICAL, axis=0)
@@ -196,17 +204,21 @@ class NoveltyDetector(nn.Module):
         )
 
 
+def _some(shown: Shown) -> NDArray[np.bool_]:
+    """Return with which demonstrations a new one is compared, bool `[E]`: of many, every few."""
+    every = 1 + len(shown.percepts) // _COMPARED_WITH
+    return np.arange(len(shown.frames)) % every == 0
+
+
 def _apart(
     percepts: NDArray[np.float32],
     shown: Shown,
-    allowed: NDArray[np.bool_] | None,
+    allowed: NDArray[np.bool_],
     neighbours: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Return how far percepts `[N, D]` are from the nearest rows, and these, `[N, neighbours]`."""
     from pacnet.competition.following_kernels import nearest_rows  # imports numba
 
-    if allowed is None:
-        allowed = np.ones(len(shown.frames), bool)
     rows = np.empty((len(percepts), neighbours), np.int64)
     nearest_rows(np.ascontiguousarray(percepts), shown, allowed, rows)
     return np.abs(percepts - shown.percepts[rows[:, 0]]), rows
