@@ -8,7 +8,7 @@ from torch import Tensor
 
 from pacnet.attention.records import Observation
 from pacnet.attention.sofm import HabituatingSOFM
-from pacnet.core.drafts import adopt, draft_of, snapshot_of
+from pacnet.core.drafts import adopt, draft_of
 from pacnet.core.validation import MAX_VALUE
 from pacnet.forward_models.correction import LinearCorrection
 from pacnet.imitator.budget import kept_rows
@@ -30,7 +30,7 @@ class Draft:
         detector: NoveltyDetector,
     ) -> None:
         self.sofm = draft_of(sofm)
-        self.memory = snapshot_of(memory)  # appending leaves what is there
+        self.memory = memory.snapshot()  # appending leaves what is there
         self.correction, self.detector = draft_of(correction), draft_of(detector)
         self.renumbered = False  # whether rows of the memory have other numbers now
 

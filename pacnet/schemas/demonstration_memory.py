@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.core.drafts import BufferVersions, adopt
+from pacnet.core.drafts import BufferVersions, adopt, snapshot_of
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.core.integrity import (
     are_bounded,
@@ -134,6 +134,12 @@ class DemonstrationMemory(nn.Module):
             self.check_state(self.state_dict())
             shown = self._keep(_with_boxes(self._arrays()))
         return shown
+
+    def snapshot(self) -> DemonstrationMemory:
+        """Return a memory with the same rows, to which more may be appended."""
+        shown, other = self.shown(), snapshot_of(self)
+        other._versions, other._shown = self._versions, shown
+        return other
 
     def fork(self) -> DemonstrationMemory:
         """Return a memory that shares what is kept; what either learns is not the other's."""
