@@ -300,9 +300,8 @@ class Imitator(ImitatorState):
                 draft = Draft(self.sofm, self.memory, self.correction, self.novelty_detector)
             has_actions = config.targets == "action"
             targets = shown.action if has_actions else targets_ahead(shown.state, config.lead)
-            task = tuple(dict.fromkeys((*self.tasks, task_name(shown.task)))).index(
-                task_name(shown.task)
-            )
+            tasks, name = self.tasks, task_name(shown.task)
+            task = tasks.index(name) if name in tasks else len(tasks)
             observed, novelty = draft.learn(
                 shown.percepts, targets.numpy(), task, correction, config
             )
@@ -320,7 +319,7 @@ class Imitator(ImitatorState):
                 first_frame=index(shown.first_frame),
             )
             with self.state_lock:
-                draft.replace(self.sofm, self.memory, self.correction, self.novelty_detector)
+                draft.replace()
                 self._buffers["first_action"] = first_action
                 self.reports.append(report)
                 if draft.renumbered:

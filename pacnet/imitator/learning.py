@@ -33,6 +33,7 @@ class Draft:
         self.memory = memory.snapshot()  # appending leaves what is there
         self.correction, self.detector = draft_of(correction), draft_of(detector)
         self.renumbered = False  # whether rows of the memory have other numbers now
+        self._replaced = sofm, memory, correction, detector
 
     def learn(
         self,
@@ -78,10 +79,8 @@ class Draft:
         if len(shown.percepts) == 0:
             return None
         novelty, rows = self.detector.largest(percepts, shown)
-        frames, rows = (
-            np.arange(0, len(percepts), strides(shown)).repeat(rows.shape[1]),
-            rows.ravel(),
-        )
+        frames = np.arange(0, len(percepts), strides(shown)).repeat(rows.shape[1])
+        rows = rows.ravel()
         of = np.searchsorted(shown.first, rows, side="right") - 1
         alike = (rows >= 0) & (shown.task[of] == task)  # other tasks differ for other reasons
         frames, rows = frames[alike], rows[alike]
@@ -98,14 +97,9 @@ class Draft:
         self.memory.select(kept_rows(task * len(self.sofm) + node, demonstration, budget))
         self.renumbered = True
 
-    def replace(
-        self,
-        sofm: HabituatingSOFM,
-        memory: DemonstrationMemory,
-        correction: LinearCorrection,
-        detector: NoveltyDetector,
-    ) -> None:
-        """Let these parts adopt what was learned."""
+    def replace(self) -> None:
+        """Let the parts that the draft is of adopt what was learned."""
+        sofm, memory, correction, detector = self._replaced
         adopt(sofm, self.sofm)
         memory.adopt(self.memory)
         adopt(correction, self.correction)
