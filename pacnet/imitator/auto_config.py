@@ -18,6 +18,7 @@ from pacnet.forward_models.config import MLPForwardModelConfig
 from pacnet.forward_models.correction import find_position_targets
 from pacnet.forward_models.kmeans import kmeans
 from pacnet.imitator.config import ImitatorConfig
+from pacnet.imitator.points import PointsChoice, choose_points
 from pacnet.imitator.scaling import choose_scaling
 
 NOVELTY_THRESHOLD = 0.55  # activation under which the map grows
@@ -31,10 +32,11 @@ def choose_settings(
     targets: Literal["action", "state"],
     lead: int,
     budget: int | None,
+    points: PointsChoice,
 ) -> ImitatorConfig:
     """Return settings for these demonstrations; see `Imitator.from_demonstrations`."""
     _check_features(demonstrations)
-    demonstrations = demonstrations.continuous()
+    episodes, demonstrations = demonstrations, demonstrations.continuous()
     percepts, fps = demonstrations.percept_features, demonstrations.fps
     if targets == "state":
         _check_targets(demonstrations, lead)
@@ -55,6 +57,7 @@ def choose_settings(
         forward_model=_forward_model(demonstrations, lead) if targets == "state" else None,
         state=demonstrations.state_features,
         action_features=demonstrations.action_features,
+        points=choose_points(points, episodes),
     )
 
 

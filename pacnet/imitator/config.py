@@ -13,6 +13,7 @@ from pacnet.core.validation import MAX_SAMPLES, check_fields, is_integer, is_num
 from pacnet.datasets.demonstrations import ACTION, dimension_names
 from pacnet.forward_models.config import MLPForwardModelConfig
 from pacnet.imitator.scaling import Scaling
+from pacnet.schemas.points import Points
 
 _FASTEST = 100_000  # frames per second [1/s]; memory for the last of them is made beforehand
 
@@ -38,6 +39,7 @@ class ImitatorConfig:
         state: the features that are the robot's state, with which a percept begins; () for none,
             None for the first feature.
         action_features: the features that are the action, in its order.
+        points: which dimensions of a percept are points; None for none.
     """
 
     percepts: Mapping[str, tuple[str, ...]]
@@ -53,6 +55,7 @@ class ImitatorConfig:
     forward_model: MLPForwardModelConfig | None = None
     state: tuple[str, ...] | None = None
     action_features: tuple[str, ...] = (ACTION,)
+    points: Points | None = None
 
     def __post_init__(self) -> None:
         """Turn the lists that JSON reads into tuples, and check the fields."""
@@ -86,7 +89,11 @@ class ImitatorConfig:
         count, most = self.target_dimensions, self.state_dimensions
         fits = len(self.follows) == count and all(is_integer(i, -1) for i in self.follows)
         wanted = f"as {count} dimensions of {most}, or −1"
-        check_fields(self, {"follows": (fits and max(self.follows, default=-1) < most, wanted)})
+        checks = {
+            "follows": (fits and max(self.follows, default=-1) < most, wanted),
+            "points": (_lie_within(self.points, dimensions), f"within {dimensions} dimensions"),
+        }
+        check_fields(self, checks)
 
     @property
     def target_dimensions(self) -> int:
@@ -128,9 +135,16 @@ class ImitatorConfig:
                 )
             parts["scaling"] = Scaling(**fields["scaling"])
             parts["attention"] = SOFMConfig(**fields["attention"])
+            if fields.get("points") is not None:
+                parts["points"] = Points.from_dict(fields["points"])
             return cls(**{**fields, **parts})
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(f"expected the fields of ImitatorConfig, got {error!r}") from error
+
+
+def _lie_within(points: object, dimensions: int) -> bool:
+    """Return whether these are points of a percept of so many dimensions, or None."""
+    return points is None or (isinstance(points, Points) and max(points.used) < dimensions)
 
 
 def _is_name(value: object) -> bool:

@@ -30,6 +30,7 @@ from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
 from pacnet.imitator.learning import Draft
 from pacnet.imitator.novelty import NOVEL
+from pacnet.imitator.points import PointsChoice
 from pacnet.imitator.recognizing import recognizer_of
 from pacnet.imitator.records import EpisodeReport, Followed, ImitatorStep, task_name
 from pacnet.imitator.state import ImitatorState, Known
@@ -86,6 +87,7 @@ class Imitator(ImitatorState):
         engine: Engine = "auto",
         *,
         budget: int | None = None,
+        points: PointsChoice = "auto",
     ) -> Imitator:
         """Return an untrained imitator with settings chosen from these demonstrations.
 
@@ -95,12 +97,15 @@ class Imitator(ImitatorState):
             lead: frames that a target lies ahead, where it is a state.
             engine: as of `HabituatingSOFM`.
             budget: most targets that are kept; see `pacnet.imitator.budget`. None for all.
+            points: which dimensions of a percept are places, as texts: the one that the robot's
+                actions move first, such as `hand=observation.state[0:3]`, then the landmarks; see
+                `pacnet.imitator.points`. "auto" finds them by their names, None is none.
 
         Raises:
-            ValueError: no demonstrations, percepts that never change, or actions that never do
-                where a forward model has to choose among them.
+            ValueError: no demonstrations, percepts that never change, actions that never do where
+                a forward model has to choose among them, or points that are none here.
         """
-        return cls(choose_settings(demonstrations, targets, lead, budget), engine)
+        return cls(choose_settings(demonstrations, targets, lead, budget, points), engine)
 
     @classmethod
     def untaught(cls, *args: Any, **kwargs: Any) -> Imitator:
