@@ -18,6 +18,7 @@ from pacnet.cli.parsing import (
     path,
     whole_number,
 )
+from pacnet.cli.points import add_points, describe_points, points_of, points_text
 from pacnet.cli.printing import counted, print_pairs, progress_bar, size_text
 from pacnet.cli.reports import count_episodes, describe_reports, print_reports
 
@@ -33,6 +34,7 @@ _EXAMPLES = """pacnet fit recordings/drinking --out imitator
   pacnet fit recordings/drinking --held-out 5 --out without_every_fifth
   pacnet fit recordings/toasting --from imitator --out imitator
   pacnet fit user/name --state arm --state hand --action actions --exclude 3 --out imitator
+  pacnet fit pushing --out imitator --points 'hand=observation.state[0:2]' goal=observation.goal
   pacnet fit recordings/corrections --corrections --from imitator --out imitator"""
 _NONE = "none"  # in place of a feature's name
 
@@ -73,6 +75,7 @@ def add_to(commands: Commands) -> None:
         "--budget", type=whole_number(1), metavar="N",
         help="keep the targets of N frames at most, equally many of each kind of situation (all)",
     )  # fmt: skip
+    add_points(parser)
     add_held_out(parser)
     parser.add_argument(
         "--overwrite", action="store_true",
@@ -134,10 +137,10 @@ def _check_usage(arguments: argparse.Namespace) -> None:
         arguments.usage_error("argument --corrections: only with --from")
     if arguments.held_out is not None and arguments.origin is not None:
         arguments.usage_error("argument --held-out: not with --from, which has learned other data")
-    for option in ("targets", "lead", "budget"):
+    for option in ("targets", "lead", "budget", "points"):
         if arguments.origin is not None and getattr(arguments, option) is not None:
             arguments.usage_error(f"argument --{option}: not with --from, which has its own")
-    for option in ("state", "environment_state"):
+    for option in ("state", "environment_state", "points"):
         given = getattr(arguments, option) or ()
         if _NONE in given and len(given) > 1:
             name = option.replace("_", "-")
@@ -187,7 +190,7 @@ def _untrained(arguments: argparse.Namespace) -> Callable[[Demonstrations], Imit
 
     targets, lead = arguments.targets or "action", arguments.lead or 1
     return lambda demonstrations: Imitator.from_demonstrations(
-        demonstrations, targets, lead, budget=arguments.budget
+        demonstrations, targets, lead, budget=arguments.budget, points=points_of(arguments)
     )
 
 
@@ -221,6 +224,7 @@ def _print(imitator: Imitator, before: int, seconds: float, folder: Path) -> Non
             ("nodes", f"{len(imitator.sofm):,}"),
             ("tasks", f"{len(imitator.tasks):,}"),
             ("targets", _targets(imitator)),
+            ("points", points_text(describe_points(imitator.config))),
             ("checkpoint", f"{folder}, {size_text(size_of(folder))}"),
         ]
     )

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_json
+from pacnet.cli.points import describe_points, points_text
 from pacnet.cli.printing import (
     NOTHING,
     counted,
@@ -84,6 +85,7 @@ def _describe_imitator(imitator: Imitator) -> dict[str, Any]:
         "action": list(config.action),
         "positions": _positions(imitator),
         "positions_lead": config.follows_after if config.targets == "action" else None,
+        **describe_points(config),
         "first_action": imitator.first_action.tolist(),
         "reports": describe_reports(imitator),
     }
@@ -145,6 +147,7 @@ def _imitator(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     pairs = [
         ("percept", f"{percept} at {document['fps']:g} frames per second"),
         ("action", ", ".join(document["action"])),
+        ("points", points_text(document)),
         ("nodes", f"{document['nodes']:,}"),
         ("demonstrations", f"{document['demonstrations']:,}"),
         ("targets", f"{document['targets']:,} of {shown:,} shown, {kind}"),
