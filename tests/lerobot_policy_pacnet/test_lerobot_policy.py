@@ -4,7 +4,7 @@ import copy
 import json
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,7 +16,9 @@ from torch import Tensor
 pytest.importorskip("lerobot")
 pytest.importorskip("lerobot_policy_pacnet")
 
+import draccus
 import gymnasium
+from lerobot.configs.policies import PreTrainedConfig
 from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
 from lerobot.envs.factory import make_env
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
@@ -33,6 +35,13 @@ STATE, GLASS, ACTION = "observation.state", "observation.environment_state", "ac
 NAMES = {STATE: ("shoulder.pos", "elbow.pos"), GLASS: ("glass",), ACTION: ("shoulder", "elbow")}
 FPS = 20
 FAR = torch.tensor([[30.0, 30.0]])  # a state far from all demonstrations
+
+
+@dataclass
+class Settings:
+    """Settings of a command of LeRobot's that takes a policy."""
+
+    policy: PreTrainedConfig
 
 
 def waves(seed: int, count: int = 3, length: int = 120, names: dict = NAMES) -> Demonstrations:
@@ -251,6 +260,86 @@ def test_states_are_learned_as_targets(tmp_path: Path):
     assert_same(policy.imitator, expected)
     with pytest.raises(ValueError, match="targets=state, as learned before, got action"):
         reloaded(policy, tmp_path, waves(2))
+
+
+PLACES = {
+    STATE: ("hand.x", "hand.y"),
+    GLASS: ("glass.x", "glass.y", "box.x", "box.y"),
+    ACTION: ("hand.x", "hand.y"),
+}
+POINTS = [f"hand={STATE}[0:2]", f"box={GLASS}[2:4]"]
+
+
+def pushes() -> Demonstrations:
+    """Demonstrations of `waves` whose numbers are places, beside a glass and a box."""
+    episodes = []
+    for one in waves(1, count=2):
+        places = torch.tensor([1.0, 2.0, 3.0, 4.0 + one.episode])
+        surroundings = places.repeat(len(one.state), 1)
+        episodes.append(replace(one, environment_state=surroundings))
+    return Demonstrations(FPS, PLACES, tuple(episodes), "pushes")
+
+
+@pytest.mark.parametrize(
+    ("points", "chosen", "names"),
+    [
+        (None, "auto", ("hand", "glass", "box")),
+        ([], None, None),
+        (POINTS, POINTS, ("hand", "box")),
+    ],
+)
+def test_points_are_those_of_the_config(points, chosen, names, tmp_path: Path):
+    dataset = pushes()
+    policy = policy_for(dataset, points=points)
+    learn(policy, batches(dataset, 0, 64))
+    expected = Imitator.from_demonstrations(dataset, points=chosen)
+    expected.learn(dataset)
+    assert_same(policy.imitator, expected)
+    assert (expected.config.points and expected.config.points.names) == names
+    policy.save_pretrained(tmp_path)
+    loaded = PACNetPolicy.from_pretrained(tmp_path)
+    assert loaded.config.points == points
+    assert_same(loaded.imitator, expected)
+
+
+def test_points_that_are_none_are_refused_at_once():
+    for points in ("none", ["hand", 3], (f"hand={STATE}[0:2]",), {"hand": STATE}):
+        with pytest.raises(ValueError, match=r"expected policy\.points as a list of texts"):
+            config_of(PLACES, points=points)
+    policy = policy_for(pushes(), points=[POINTS[0], "goal=goal"])
+    with pytest.raises(ValueError, match=r"features observation.state \[2\], .*, got 'goal'"):
+        learn(policy, batches(pushes(), 0, 4))
+    action = policy_for(pushes(), points=[POINTS[0], "goal=action"])
+    with pytest.raises(ValueError, match="got 'action'"):
+        learn(action, batches(pushes(), 0, 4))
+
+
+def test_other_points_than_those_learned_are_refused(tmp_path: Path):
+    dataset = pushes()
+    policy = policy_for(dataset, points=POINTS)
+    learn(policy, batches(dataset, 0, 64))
+    policy.save_pretrained(tmp_path)
+    others = (
+        ([], r"hand \[0, 1\], box \[4, 5\], as learned before, got none"),
+        ([POINTS[0], f"box={GLASS}[0:2]"], r"got hand \[0, 1\], box \[2, 3\]"),
+    )
+    for points, message in others:
+        with pytest.raises(ValueError, match=message):
+            PACNetPolicy.from_pretrained(tmp_path, config=config_of(PLACES, points=points))
+    for points in (None, POINTS):
+        config = config_of(PLACES, points=points)
+        same = PACNetPolicy.from_pretrained(tmp_path, config=config)
+        assert same.imitator.config.points == policy.imitator.config.points
+
+
+@pytest.mark.parametrize(
+    ("given", "points"),
+    [([], None), (["--policy.points=[]"], []), ([f"--policy.points={json.dumps(POINTS)}"], POINTS)],
+)
+def test_points_are_given_on_the_command_line(given: list[str], points: list[str] | None):
+    settings = draccus.parse(Settings, args=["--policy.type=pacnet", *given])
+    assert isinstance(settings.policy, PACNetConfig)
+    assert settings.policy.points == points
 
 
 def test_state_targets_wait_for_all_frames(tmp_path: Path, caplog: pytest.LogCaptureFixture):

@@ -21,6 +21,9 @@ class PACNetConfig(PreTrainedConfig):
         targets: what is stored for each frame: its "action", or the "state" `lead` frames later, to
             which a forward model, fitted to the same data, finds the action.
         lead: frames that such a state lies ahead, ≥ 1.
+        points: which dimensions of a percept are points, the one that the robot's actions move
+            first, such as `["hand=observation.state[0:3]", "goal=observation.goal"]`. None for
+            those that are found by their names, [] for none; see `pacnet.imitator.points`.
         task: what to do, in the words of the demonstrations, whatever task comes with an
             observation; None for that task, and "" for whatever fits.
         normalization_mapping: identity; the imitator scales percepts itself.
@@ -34,6 +37,7 @@ class PACNetConfig(PreTrainedConfig):
 
     targets: str = "action"
     lead: int = 1
+    points: list[str] | None = None
     task: str | None = None
     normalization_mapping: dict[str, NormalizationMode] = field(
         default_factory=lambda: dict.fromkeys(
@@ -50,6 +54,9 @@ class PACNetConfig(PreTrainedConfig):
             raise ValueError(f"expected policy.targets to be one of {TARGETS}, got {self.targets}")
         if self.lead < 1:
             raise ValueError(f"expected policy.lead ≥ 1, got {self.lead}")
+        points = [] if self.points is None else self.points
+        if not (isinstance(points, list) and all(isinstance(point, str) for point in points)):
+            raise ValueError(f"expected policy.points as a list of texts, got {self.points!r}")
 
     @property
     def percept_features(self) -> dict[str, PolicyFeature]:

@@ -66,9 +66,14 @@ class DatasetDescription:
         return tuple(name for name in [*self.names][:1] if name != OBS_ENV_STATE)
 
     @property
+    def percepts(self) -> dict[str, tuple[str, ...]]:
+        """Names of each feature of a percept and of its dimensions, in the percept's order."""
+        return {name: parts for name, parts in self.names.items() if name != ACTION}
+
+    @property
     def percept_dimensions(self) -> int:
         """Length of a percept."""
-        return sum(len(parts) for name, parts in self.names.items() if name != ACTION)
+        return sum(map(len, self.percepts.values()))
 
     @property
     def action_dimensions(self) -> int:

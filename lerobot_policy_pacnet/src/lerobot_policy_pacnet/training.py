@@ -20,6 +20,7 @@ from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.frames import Frames, content_of
 from lerobot_policy_pacnet.parts import BASE, IMITATOR, STATE, check_subfolder, read_tensors_part
+from lerobot_policy_pacnet.settings import check_points, check_settings, points_of
 from pacnet.core.durable import write_atomically
 from pacnet.core.parts import REMEDY
 from pacnet.datasets.demonstrations import Demonstrations
@@ -59,8 +60,10 @@ class Training:
         self.is_finished = False
         self.frames = Frames(dataset.frames, dataset.percept_dimensions, dataset.action_dimensions)
         self._learned = self._tried = 0  # numbers of frames
-        if base is not None:
-            _check_settings(config, base)
+        if base is None:
+            check_points(config, dataset)  # until all frames are there, learning may fail
+        else:
+            check_settings(config, base)
             base.fork().learn(self._demonstrations(()))  # checks its features
 
     def __str__(self) -> str:
@@ -125,7 +128,8 @@ class Training:
         new = self._demonstrations([one for one in shown if content_of(one) not in self.known])
         if self.base is None:
             targets = cast(Any, self.config.targets)
-            imitator = Imitator.from_demonstrations(new, targets, self.config.lead)
+            points = points_of(self.config)
+            imitator = Imitator.from_demonstrations(new, targets, self.config.lead, points=points)
         else:
             imitator = copy.deepcopy(self.base)
         imitator.learn(new)
@@ -206,7 +210,7 @@ class Training:
         training._learned = training._tried = facts["learned"]
         if _imitators(facts)[IMITATOR]:
             training.imitator = Imitator.from_pretrained(folder / IMITATOR)
-            _check_settings(config, training.imitator)
+            check_settings(config, training.imitator)
         return training
 
     def _demonstrations(self, episodes: Any) -> Demonstrations:
@@ -220,12 +224,3 @@ def _imitators(facts: Any) -> dict[str, bool]:
     """Return which imitators belong to a training."""
     has_learned = bool(facts["has_base"] or facts["learned"] or facts["finished"])
     return {IMITATOR: has_learned, BASE: bool(facts["has_base"])}
-
-
-def _check_settings(config: PACNetConfig, base: Imitator) -> None:
-    wanted, got = base.config.targets, config.targets
-    if wanted != got:
-        raise ValueError(f"expected policy.targets={wanted}, as learned before, got {got}")
-    wanted, got = base.config.lead, config.lead
-    if wanted != got and base.config.targets == "state":
-        raise ValueError(f"expected policy.lead={wanted}, as learned before, got {got}")
