@@ -182,3 +182,16 @@ def test_where_there_are_some_no_reason_is_given():
     features = {STATE: ("hand.x", "hand.y"), "goal": ("x", "y")}
     assert find_points(features, (STATE,)).reason == ""
     assert find_points({}, ()).points is None
+
+
+def test_the_scenes_of_the_experiments_have_none():
+    """A humanoid's joint angles beside its glass, and a robot's sensors."""
+    pytest.importorskip("dm_control")
+    from train.postural.learning import FEATURES as DRINKING
+    from train.walls.learning import FEATURES as WALLS
+
+    for names in (DRINKING, WALLS):
+        features = {feature: parts for feature, parts in names.items() if feature != "action"}
+        points, reason = find_points(features, (STATE,))
+        assert points is None
+        assert reason.startswith("the robot's state has no point" if names is DRINKING else "no d")
