@@ -18,10 +18,11 @@ def add_points(parser: argparse.ArgumentParser) -> None:
     # Brackets in a metavar break the usage of older versions of argparse.
     parser.add_argument(
         "--points", nargs="+", metavar="POINT",
-        help="after DATASET: which dimensions of a percept are points, each as NAME=FEATURE[FIRST:END], such as "
-        "'hand=observation.state[0:3]': first the one that the robot's actions move, then "
-        "landmarks; with an orientation NAME=FEATURE[0:3]+FEATURE[3:7]; none for no points (found "
-        "by the names of dimensions, such as hand.x, hand.y, hand.z)",
+        help="after DATASET: which dimensions of a percept are points, each as "
+        "NAME=FEATURE[FIRST:END], such as 'hand=observation.state[0:3]': first the one that the "
+        "robot's actions move, then landmarks; with an orientation "
+        "NAME=FEATURE[0:3]+FEATURE[3:7]; none for no points (found by the names of dimensions, "
+        "such as hand.x, hand.y, hand.z)",
     )  # fmt: skip
 
 
