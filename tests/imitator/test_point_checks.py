@@ -174,7 +174,10 @@ def test_episodes_are_whole_when_points_are_checked():
     jump = push(0)
     state = (torch.arange(50) >= 25).float()[:, None].expand(50, 2)
     jump = replace(jump, state=state.clone(), gaps=(25,))
-    check_points(ALL, replace(pushes(), episodes=(jump,)))
+    jumps = replace(pushes(), episodes=(jump,))
+    assert Imitator.from_demonstrations(jumps, points=TEXTS).config.points == ALL
+    with pytest.raises(ValueError, match="expected 'hand' to be what"):
+        check_points(ALL, jumps.continuous())
 
 
 def test_points_change_nothing_that_is_learned():
