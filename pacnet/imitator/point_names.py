@@ -123,13 +123,20 @@ def _candidates(features: Mapping[str, Sequence[str]]) -> Iterator[_Candidate]:
 
 
 def _renamed(found: Sequence[_Candidate]) -> list[_Candidate]:
-    """Return them with the feature's name in front where two have the same name."""
-    count = Counter(one.point.name for one in found)
-    return [
-        one._replace(point=replace(one.point, name=f"{one.feature}.{one.point.name}"))
-        if count[one.point.name] > 1 else one
-        for one in found
-    ]  # fmt: skip
+    """Return them with the feature's name in front where two have the same name.
+
+    Two of one feature also get the number of their first dimension behind it.
+    """
+    same = Counter(one.point.name for one in found)
+    twice = Counter((one.feature, one.point.name) for one in found)
+    renamed = []
+    for one in found:
+        name = one.point.name
+        if same[name] > 1:
+            number = f".{one.point.place[0]}" if twice[one.feature, name] > 1 else ""
+            one = one._replace(point=replace(one.point, name=f"{one.feature}.{name}{number}"))
+        renamed.append(one)
+    return renamed
 
 
 def _named_points(feature: str, names: Sequence[str], first: int) -> Iterator[Point]:
@@ -139,7 +146,7 @@ def _named_points(feature: str, names: Sequence[str], first: int) -> Iterator[Po
         unit = unit_of(name)
         stem = name[: len(name) - len(unit)].rstrip("._-/ ")
         if unit not in _AXES or not _words(feature, stem) & _OTHERS:
-            groups.setdefault(_KIND.sub("", stem), {}).setdefault(unit, dimension)
+            groups.setdefault(_KIND.sub("", stem).strip(), {}).setdefault(unit, dimension)
     for stem, units in groups.items():
         place = tuple(units[axis] for axis in _AXES if axis in units)
         if {"x", "y"} <= units.keys():
@@ -158,7 +165,7 @@ def _whole_point(feature: str, names: Sequence[str], first: int) -> Iterator[Poi
 def _own_name(feature: str) -> str:
     """Return what to call a point that is a whole feature."""
     name = re.sub(r"^observations?\.", "", feature)
-    return _NAMES.get(feature) or _KIND.sub("", name) or name
+    return _NAMES.get(feature) or _KIND.sub("", name).strip() or feature
 
 
 def _orientation(units: Mapping[str, int], dimensions: int) -> tuple[int, ...]:

@@ -151,6 +151,16 @@ def test_equal_names_of_two_features_get_the_feature_in_front():
     points = find_points(features, (STATE,)).points
     assert points is not None
     assert points.names == ("hand", "a.box", "b.box")
+    features = {STATE: ("hand.x", "hand.y"), "goal": ("goal.x", "goal.y", "x", "y")}
+    points = find_points(features, (STATE,)).points  # the second is all of the feature
+    assert points is not None
+    assert points.names == ("hand", "goal.goal.2", "goal.goal.4")
+
+
+def test_blank_names_are_no_names():
+    features = {STATE: ("\t.x", " .y"), "observation.": ("\n_x", "y")}
+    points = find_points(features, (STATE,)).points
+    assert points == Points(Point("hand", (0, 1)), (Point("observation.", (2, 3)),))
 
 
 @pytest.mark.parametrize(
