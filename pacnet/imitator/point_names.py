@@ -165,7 +165,7 @@ def _whole_point(feature: str, names: Sequence[str], first: int) -> Iterator[Poi
 def _own_name(feature: str) -> str:
     """Return what to call a point that is a whole feature."""
     name = re.sub(r"^observations?\.", "", feature)
-    return _NAMES.get(feature) or _KIND.sub("", name).strip() or feature
+    return _NAMES.get(feature) or _KIND.sub("", name).strip() or feature.strip() or "point"
 
 
 def _orientation(units: Mapping[str, int], dimensions: int) -> tuple[int, ...]:

@@ -161,6 +161,9 @@ def test_blank_names_are_no_names():
     features = {STATE: ("\t.x", " .y"), "observation.": ("\n_x", "y")}
     points = find_points(features, (STATE,)).points
     assert points == Points(Point("hand", (0, 1)), (Point("observation.", (2, 3)),))
+    features = {STATE: ("x", "y"), "\t": ("x", "y")}
+    points = find_points(features, (STATE,)).points
+    assert points == Points(Point("hand", (0, 1)), (Point("point", (2, 3)),))
 
 
 @pytest.mark.parametrize(
