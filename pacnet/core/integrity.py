@@ -106,7 +106,7 @@ def _specs(module: nn.Module, prefix: str = "") -> Iterator[tuple[str, _Spec]]:
         return
     for name, buffer in module._buffers.items():
         if buffer is not None and name not in module._non_persistent_buffers_set:
-            exact = None if buffer.is_floating_point() else torch.int64
+            exact = None if buffer.is_floating_point() else buffer.dtype
             yield prefix + name, _Spec("", tuple(buffer.shape), exact)
     if type(module).get_extra_state is not nn.Module.get_extra_state:
         yield prefix + _EXTRA, _Spec(prefix + _EXTRA, (), torch.uint8)

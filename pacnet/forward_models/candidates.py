@@ -5,19 +5,17 @@ from __future__ import annotations
 import functools
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict
-from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from pacnet.core.checkpoint import load_checkpoint, rebuild_config, save_checkpoint
 from pacnet.core.drafts import Lock
-from pacnet.core.integrity import check_finite, check_names, check_tensors, part_of
+from pacnet.core.integrity import check_finite, check_names, part_of
 from pacnet.core.validation import as_batch, check_rows, check_same_length, describe
 from pacnet.forward_models.protocol import Command
+from pacnet.forward_models.saved_model import SavedModel
 
 
 class Selection(NamedTuple):
@@ -35,25 +33,19 @@ class Selection(NamedTuple):
     """Whether the predicted states are too close together to choose, so no action is given."""
 
 
-class CandidateModel(nn.Module):
+class CandidateModel(SavedModel):
     """Base of the models that choose among candidate actions by their predicted states.
 
-    A subclass sets `config_type` and `float_tensor`, which names a tensor of the model's dtype, and
-    defines `outcomes` and `check_values`.
+    A subclass defines `outcomes` and `check_values`, beside what `SavedModel` asks for.
 
     Args:
         config: settings of the subclass, see `config.py`.
     """
 
-    config_type: ClassVar[type]
-    float_tensor: ClassVar[str]
-
-    config: Any
     candidates: Tensor  # [K, U]
 
     def __init__(self, config: Any) -> None:
-        super().__init__()
-        self.config = config
+        super().__init__(config)
         self.register_buffer("candidates", torch.tensor(config.candidates), persistent=False)
         self._lock = Lock()  # held while learned tensors are read or replaced
         self.register_load_state_dict_pre_hook(_check_loaded)
@@ -148,45 +140,6 @@ class CandidateModel(nn.Module):
             check_names(type(self).__name__, self.state_dict(), state_dict)
         with self._lock:
             return super().load_state_dict(state_dict, strict, assign)
-
-    def save_pretrained(self, folder: str | Path) -> None:
-        """Write `config.json` and `model.safetensors`.
-
-        The write is atomic: after a crash the old or the new checkpoint is intact.
-
-        Args:
-            folder: created if missing; a checkpoint in it is replaced, other files stay.
-
-        Raises:
-            ValueError: a tensor is not finite; nothing has been written.
-        """
-        save_checkpoint(folder, type(self).__name__, asdict(self.config), self.state_dict())
-
-    @classmethod
-    def from_pretrained(cls, folder: str | Path) -> Self:
-        """Load what `save_pretrained` wrote, on the CPU.
-
-        Raises:
-            FileNotFoundError: no checkpoint there.
-            ValueError: a damaged file, an unknown version, the checkpoint of something else, a
-                config that does not fit the tensors, or tensors that `load_state_dict` refuses.
-        """
-        fields, tensors = load_checkpoint(folder, cls.__name__)
-        config = rebuild_config(cls.config_type, fields)
-        cls.check_sizes(config, tensors)
-        model = cls(config).to(tensors[cls.float_tensor].dtype)
-        model.load_state_dict(tensors)
-        return model
-
-    @classmethod
-    def check_sizes(cls, config: Any, tensors: Mapping[str, Tensor]) -> None:
-        """Raise a ValueError if tensors do not fit a config, before memory is taken for it."""
-        try:
-            with torch.device("meta"):  # takes no memory, however large the sizes
-                model = cls(config)
-        except (RuntimeError, TypeError) as error:  # a size that does not fit into 64 bits
-            raise ValueError("expected sizes that fit into memory") from error
-        check_tensors(model, dict(tensors), like=cls.float_tensor)
 
     def _check(self, **rows: Tensor) -> None:
         """Check states and targets `[B, S]` and actions `[B, U]`, equally many."""

@@ -1,4 +1,4 @@
-"""Settings of the models that choose among candidate actions."""
+"""Settings of the learned forward models."""
 
 from __future__ import annotations
 
@@ -71,6 +71,37 @@ class TransitionMatrixConfig:
         """Validate the fields and turn sequences into tuples (JSON has lists)."""
         _check_shared_fields(self)
         check_fields(self, {"clusters": (is_integer(self.clusters, 1), "≥ 1")})
+
+
+@dataclass(frozen=True)
+class AffineForwardModelConfig:
+    """Settings of an `AffineForwardModel`.
+
+    Attributes:
+        state_dimensions: length S of a state and of a target.
+        action_dimensions: length U of an action.
+        lead: frames by which a target lies ahead.
+        follows: for each action the dimension of the state that it is a place of, −1 for none.
+
+    Raises:
+        ValueError: a field of another type or out of range.
+    """
+
+    state_dimensions: int
+    action_dimensions: int
+    lead: int
+    follows: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        """Validate the fields and turn the sequence into a tuple (JSON has lists)."""
+        states, follows = self.state_dimensions, self.follows
+        sizes = ("state_dimensions", "action_dimensions", "lead")
+        check_fields(self, {name: (is_integer(getattr(self, name), 1), "≥ 1") for name in sizes})
+        fits = isinstance(follows, tuple | list) and len(follows) == self.action_dimensions
+        valid = fits and all(is_integer(place, -1) and place < states for place in follows)
+        wanted = f"as {self.action_dimensions} dimensions of {states}, or −1"
+        check_fields(self, {"follows": (valid, wanted)})
+        object.__setattr__(self, "follows", tuple(follows))
 
 
 def _check_shared_fields(config: Any) -> None:

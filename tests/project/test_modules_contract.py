@@ -33,7 +33,12 @@ from pacnet import (
 from pacnet.competition.winner_take_all import CompetitionConfig
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.forward_models import fitting
-from pacnet.forward_models.config import MLPForwardModelConfig, TransitionMatrixConfig
+from pacnet.forward_models.affine import AffineForwardModel
+from pacnet.forward_models.config import (
+    AffineForwardModelConfig,
+    MLPForwardModelConfig,
+    TransitionMatrixConfig,
+)
 from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.forward_models.transition_matrix import TransitionMatrix
 from pacnet.kernels.engine import Engine
@@ -272,6 +277,21 @@ def use_forward_model(
     return predicted, *model.command(percepts, percepts.flip(0)), selection.action, selection.costs
 
 
+def make_affine() -> AffineForwardModel:
+    return AffineForwardModel(AffineForwardModelConfig(2, 3, lead=2, follows=(1, -1, -1)))
+
+
+def learn_affine(model: AffineForwardModel, percepts: Tensor, targets: Tensor) -> Tensors:
+    parts = percepts.split(2 * DWELL), targets.split(2 * DWELL)
+    return (model.fit(*parts),)
+
+
+def use_affine(model: AffineForwardModel, percepts: Tensor, targets: Tensor) -> Tensors:
+    model.reset()
+    command = model.command(percepts, percepts.flip(0))
+    return *command, model(percepts, percepts, targets), model.residual(percepts, targets)
+
+
 CASES = {
     "GrowableRows": Case(make_rows, learn_rows, use_rows, checks_input=False, freezes=False),
     "MotorSchemas-cue": Case(
@@ -307,6 +327,7 @@ CASES = {
     "MLPForwardModel": Case(
         make_mlp, learn_mlp, use_forward_model, by_gradient=True, freezes=False
     ),
+    "AffineForwardModel": Case(make_affine, learn_affine, use_affine, freezes=False),
     "TransitionMatrix": Case(make_matrix, learn_matrix, use_forward_model, freezes=False),
 }
 CHECKING = [name for name, case in CASES.items() if case.checks_input]
@@ -430,7 +451,7 @@ def damages(name: str, tensor: Tensor) -> dict[str, dict[str, Tensor] | None]:
         "deeper": {name: tensor[..., None]},
         "of another kind": {name: tensor.long() if tensor.is_floating_point() else tensor + 0.5},
     }
-    if tensor.numel() and tensor.dtype != torch.uint8:  # which is text
+    if tensor.numel() and tensor.dtype not in (torch.bool, torch.uint8):  # bytes are text
         for place in (0, -1):
             spoilt = tensor.clone()
             spoilt.view(-1)[place] = torch.nan if tensor.is_floating_point() else -9
@@ -449,7 +470,7 @@ def is_refused(module: nn.Module, state: dict[str, Tensor], *, strict: bool) -> 
     return False
 
 
-CHECKED = [name for name in CASES if name.startswith(("Habituating", "Motor", "Comp", "PACNet"))]
+CHECKED = [name for name in CASES if name.startswith(("Aff", "Habit", "Motor", "Comp", "PACNet"))]
 
 
 @pytest.mark.parametrize("strict", [True, False])

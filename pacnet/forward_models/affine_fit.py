@@ -1,0 +1,220 @@
+"""An affine law of how the state changes, fitted in closed form and chosen on held-out blocks.
+
+With one short demonstration some actions are hardly tried. Ridge regression draws their gains
+towards what is usual of a robot. A place that is commanded is gone to, by the same share of the way
+in each dimension. Speeds or displacements, as many as the state has dimensions, move it equally far
+in directions at right angles. How strongly gains are drawn is chosen on blocks of frames held out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacnet.forward_models.affine_rows import Array, Rows, rows_of
+
+_RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # in shares of each input's variance
+_WORSE = 0.02  # log of a held-out error's ratio, summed over the state; less is no difference
+_TIE = 0.1  # mean log of the errors' ratio up to which the larger ridge is taken
+_EFFECT_RIDGE = 0.1
+_SMALL, _TINY = 0.8, 0.2  # in shares of the median effect of all actions
+_INVERSE_RIDGE = 1e-3  # in shares of the mean square of the gains
+_LEAST_ERROR = 1e-6  # in shares of the mean square of a dimension's change
+
+
+class Law(NamedTuple):
+    """An affine law for S dimensions of the state and U actions, see `AffineForwardModel`."""
+
+    gain: Array
+    """Change over the lead with each action, `[S, U]`."""
+    lag: Array
+    """Change with the last frame's change, `[S, S]`."""
+    drift: Array
+    """Change without either, `[S]`."""
+    inverse: Array
+    """Action for a change, `[U, S]`."""
+    moves: NDArray[np.bool_]
+    """Whether an action moves the state, `[U]`."""
+    residual_variance: Array
+    """Mean square of what is not predicted of held-out changes, `[S]`."""
+    explained: Array
+    """Share of held-out changes that is predicted, `[S]`."""
+
+
+class _Moments(NamedTuple):
+    """Covariances of the inputs of interest, P, with themselves and with the changes."""
+
+    inputs: Array  # [P, P]
+    changes: Array  # [P, S]
+    actions: int  # of the inputs, the first K
+
+    def ridge(self, share: float, prior: Array, *, alike: bool) -> Array:
+        """Return coefficients `[P, S]`, drawn towards a prior.
+
+        Args:
+            share: of an input's variance that is added to it.
+            prior: `[P, S]`.
+            alike: whether all actions have one unit, so that their mean variance counts.
+        """
+        variance = np.diag(self.inputs).copy()
+        if alike:
+            variance[: self.actions] = variance[: self.actions].mean()
+        size = np.sqrt(np.where(variance > 0, variance, 1.0))
+        scaled = self.inputs / np.outer(size, size) + share * np.eye(len(size))
+        rest = (self.changes - self.inputs @ prior) / size[:, None]
+        return prior + np.linalg.solve(scaled, rest) / size[:, None]
+
+
+def fit_law(
+    states: Sequence[Array], actions: Sequence[Array], follows: Sequence[int], lead: int
+) -> Law:
+    """Fit the law to episodes, states `[T, S]` and actions `[T, U]` each.
+
+    Raises:
+        ValueError: fewer frames than two blocks need; see `least_frames`.
+    """
+    rows = rows_of(states, actions, follows, lead)
+    if rows.part.max(initial=0) < 1:
+        raise ValueError(
+            f"expected an episode of at least {least_frames(lead)} frames to fit {lead} frames "
+            f"ahead, got {[len(one) for one in states]}"
+        )
+    place = np.array(follows)
+    regression = _Regression(rows, place)
+    kept, ridge = _choose(regression, place)
+    coefficients, drift = regression.solve(regression.everything, kept, ridge)
+    error = regression.held_out_error(kept, ridge)
+    square = np.square(rows.changes[rows.part >= 0]).mean(axis=0)
+    explained = np.where(square > 0, 1 - error / np.where(square > 0, square, 1), 0.0)
+    gain, lag = coefficients[: len(place)].T, coefficients[len(place) :].T
+    spread = rows.inputs[:, : len(place)].std(axis=0)
+    weight = np.where(square > 0, 1 / np.maximum(error, _LEAST_ERROR * square + 1e-300), 0.0)
+    return Law(gain, lag, drift, _invert(gain, weight, spread, kept), kept, error, explained)
+
+
+def least_frames(lead: int) -> int:
+    """Return the frames of a single episode that are enough for two blocks."""
+    return 5 * lead + 1
+
+
+class _Regression:
+    """Ridge regressions of some inputs, from sums over the parts that are not held out."""
+
+    def __init__(self, rows: Rows, place: NDArray[np.int64]) -> None:
+        self._rows, self._place = rows, place
+        self.states = rows.changes.shape[1]
+        used = range(int(rows.part.max()) + 1)
+        self._of_part = [self._sums(rows.part == part) for part in used]
+        self._in_parts = sum(self._of_part[1:], self._of_part[0])
+        self.everything = self._sums(np.ones(len(rows.part), bool))
+
+    def _sums(self, chosen: NDArray[np.bool_]) -> Array:
+        """Return sums of products of inputs, changes and 1."""
+        ones = np.ones((int(chosen.sum()), 1))
+        columns = np.concatenate([self._rows.inputs[chosen], self._rows.changes[chosen], ones], 1)
+        return columns.T @ columns
+
+    def solve(self, sums: Array, kept: NDArray[np.bool_], ridge: float) -> tuple[Array, Array]:
+        """Return coefficients `[U + S, S]`, 0 of actions that are not kept, and the constant."""
+        mean = sums[:-1, -1] / sums[-1, -1]
+        covariance = sums[:-1, :-1] / sums[-1, -1] - np.outer(mean, mean)
+        count = len(mean) - self.states
+        of = np.append(kept, np.ones(count - len(kept), bool)).nonzero()[0]
+        moments = _Moments(covariance[np.ix_(of, of)], covariance[of, count:], int(kept.sum()))
+        coefficients = np.zeros((count, self.states))
+        place = self._place[kept]
+        alike = len(place) == self.states and not (place >= 0).any()
+        coefficients[of] = moments.ridge(ridge, _prior(moments, place), alike=alike)
+        return coefficients, mean[count:] - mean[:count] @ coefficients
+
+    def held_out_error(self, kept: NDArray[np.bool_], ridge: float) -> Array:
+        """Return the mean squared error of each dimension, each part held out in turn, `[S]`."""
+        squares, inputs, changes = np.zeros(self.states), self._rows.inputs, self._rows.changes
+        for part, sums in enumerate(self._of_part):
+            chosen = self._rows.part == part
+            coefficients, constant = self.solve(self._in_parts - sums, kept, ridge)
+            missed = changes[chosen] - inputs[chosen] @ coefficients - constant
+            squares += np.square(missed).sum(axis=0)
+        return squares / (self._rows.part >= 0).sum()
+
+    def best(self, kept: NDArray[np.bool_]) -> tuple[float, float]:
+        """Return the ridge of least error, and that error's logs summed over the state."""
+        errors = {ridge: self.held_out_error(kept, ridge) for ridge in _RIDGES}
+        floor = _LEAST_ERROR * np.square(self._rows.changes).mean(axis=0)
+        logs = {
+            ridge: float(np.log(np.maximum(error, floor) + 1e-300).sum())
+            for ridge, error in errors.items()
+        }
+        best = min(logs.values())
+        ridge = max(ridge for ridge, one in logs.items() if one - best <= _TIE * self.states)
+        return ridge, best
+
+    def effects(self, kept: NDArray[np.bool_]) -> Array:
+        """Return the largest change of a dimension with each action, in standard deviations."""
+        coefficients, _ = self.solve(self.everything, kept, _EFFECT_RIDGE)
+        deviation = self._rows.changes.std(axis=0)
+        relative = coefficients[: len(kept)] / np.where(deviation > 0, deviation, np.inf)
+        return np.abs(relative).max(axis=1) * self._rows.inputs[:, : len(kept)].std(axis=0)
+
+
+def _choose(regression: _Regression, place: NDArray[np.int64]) -> tuple[NDArray[np.bool_], float]:
+    """Return which actions move the state, and the ridge.
+
+    While there are more actions than dimensions to move, the one of least effect is left out if
+    its effect is small beside the others' or held-out frames are predicted as well without it;
+    later only if it has hardly any, and they are. A place moves the state that it is a place of.
+    """
+    kept = (place >= 0) | (regression.effects(np.ones(len(place), bool)) > 0)
+    ridge, error = regression.best(kept)
+    while (kept & (place < 0)).any():
+        effect = regression.effects(kept)
+        least = int(np.argmin(np.where(kept & (place < 0), effect, np.inf)))
+        without = kept & (np.arange(len(place)) != least)
+        other = regression.best(without)
+        share = effect[least] / np.median(effect[kept])
+        is_as_good = other[1] - error < _WORSE
+        has_more = kept.sum() > regression.states
+        if not (share < _SMALL or is_as_good if has_more else share < _TINY and is_as_good):
+            break
+        kept, (ridge, error) = without, other
+    return kept, ridge
+
+
+def _prior(moments: _Moments, place: NDArray[np.int64]) -> Array:
+    """Return what the coefficients are drawn towards, `[P, S]`."""
+    actions, (inputs, states) = moments.actions, moments.changes.shape
+    prior = np.zeros((inputs, states))
+    if not ((place >= 0).any() or actions == states):
+        return prior
+    # Of actions and changes alike, what the last change explains is taken away.
+    known = moments.inputs[actions:, actions:]
+    known = known + np.diag(1e-2 * np.diag(known) + 1e-300)
+    across = moments.inputs[:actions, actions:]
+    explained = np.linalg.solve(known, np.concatenate([across.T, moments.changes[actions:]], 1))
+    products = moments.inputs[:actions, :actions] - across @ explained[:, :actions]
+    responses = moments.changes[:actions] - across @ explained[:, actions:]
+    if (place >= 0).any():
+        directions = (place[:, None] == np.arange(states)).astype(float)
+    else:  # orthogonal Procrustes problem
+        left, _, right = np.linalg.svd(responses)
+        directions = left @ right
+    square = np.trace(products @ directions @ directions.T)
+    if square > 0:
+        prior[:actions] = (directions * responses).sum() / square * directions
+    return prior
+
+
+def _invert(gain: Array, weight: Array, spread: Array, kept: NDArray[np.bool_]) -> Array:
+    """Return the actions of least weighted error, `[U, S]`; 0 of those that move nothing."""
+    inverse = np.zeros(gain.T.shape)
+    size = np.where(spread > 0, spread, 1.0)[kept]
+    scaled = gain[:, kept] * size  # [S, K]
+    products = scaled.T @ (weight[:, None] * scaled)
+    ridge = _INVERSE_RIDGE * np.trace(products) / max(1, len(size))
+    if ridge > 0:
+        solved = np.linalg.solve(products + ridge * np.eye(len(size)), scaled.T * weight)
+        inverse[kept] = size[:, None] * solved
+    return inverse

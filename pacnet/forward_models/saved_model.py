@@ -1,0 +1,73 @@
+"""A learned forward model as a folder with its config and tensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import torch
+from torch import Tensor, nn
+
+from pacnet.core.checkpoint import load_checkpoint, rebuild_config, save_checkpoint
+from pacnet.core.integrity import check_tensors
+
+
+class SavedModel(nn.Module):
+    """Base of the learned forward models.
+
+    A subclass sets `config_type` and `float_tensor`, which names a tensor of the model's dtype, and
+    refuses what is wrong in `load_state_dict`.
+
+    Args:
+        config: settings of the subclass, see `config.py`.
+    """
+
+    config_type: ClassVar[type]
+    float_tensor: ClassVar[str]
+
+    config: Any
+
+    def __init__(self, config: Any) -> None:
+        super().__init__()
+        self.config = config
+
+    def save_pretrained(self, folder: str | Path) -> None:
+        """Write `config.json` and `model.safetensors`.
+
+        The write is atomic: after a crash the old or the new checkpoint is intact.
+
+        Args:
+            folder: created if missing; a checkpoint in it is replaced, other files stay.
+
+        Raises:
+            ValueError: a tensor is not finite; nothing has been written.
+        """
+        save_checkpoint(folder, type(self).__name__, asdict(self.config), self.state_dict())
+
+    @classmethod
+    def from_pretrained(cls, folder: str | Path) -> Self:
+        """Load what `save_pretrained` wrote, on the CPU.
+
+        Raises:
+            FileNotFoundError: no checkpoint there.
+            ValueError: a damaged file, an unknown version, the checkpoint of something else, a
+                config that does not fit the tensors, or tensors that `load_state_dict` refuses.
+        """
+        fields, tensors = load_checkpoint(folder, cls.__name__)
+        config = rebuild_config(cls.config_type, fields)
+        cls.check_sizes(config, tensors)
+        model = cls(config).to(tensors[cls.float_tensor].dtype)
+        model.load_state_dict(tensors)
+        return model
+
+    @classmethod
+    def check_sizes(cls, config: Any, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError if tensors do not fit a config, before memory is taken for it."""
+        try:
+            with torch.device("meta"):  # takes no memory, however large the sizes
+                model = cls(config)
+        except (RuntimeError, TypeError) as error:  # a size that does not fit into 64 bits
+            raise ValueError("expected sizes that fit into memory") from error
+        check_tensors(model, dict(tensors), like=cls.float_tensor)
