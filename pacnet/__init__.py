@@ -26,9 +26,9 @@ _PUBLIC = {  # folder -> the names that `pacnet` offers
     ),
     "datasets": ("Recorder", "load_demonstrations"),
     "forward_models": (
-        "Command", "ForwardModel", "MLPForwardModel", "MLPForwardModelConfig",
-        "OneStateForwardModel", "PIDConfig", "PIDController", "Selection", "TransitionMatrix",
-        "TransitionMatrixConfig",
+        "AffineForwardModel", "AffineForwardModelConfig", "Command", "ForwardModel",
+        "MLPForwardModel", "MLPForwardModelConfig", "OneStateForwardModel", "PIDConfig",
+        "PIDController", "Selection", "TransitionMatrix", "TransitionMatrixConfig",
     ),
     "imitator": ("Imitator",),
     "network": (

@@ -15,7 +15,7 @@ from pacnet.cli.parsing import (
     add_task,
     whole_number,
 )
-from pacnet.cli.printing import print_json, print_pairs, print_table
+from pacnet.cli.printing import NOTHING, print_json, print_pairs, print_table
 
 _DETAILS = """The imitator runs over the episode from its start to the frame, as on the robot, since
 earlier frames decide which demonstrations it follows, and where in each of them it is. The output
@@ -108,7 +108,12 @@ def _print_target(document: Mapping[str, Any]) -> None:
     if document["targets_are"] == "state":
         percept = document["percept"]
         rows = [
-            (name, f"{percept[name]:.4g}", f"{value:.4g}", f"{shown[name]:.4g}")
+            (
+                name,
+                f"{percept[name]:.4g}" if name in percept else NOTHING,
+                f"{value:.4g}",
+                f"{shown[name]:.4g}",
+            )
             for name, value in target.items()
         ]
         print("\ntarget: the state to reach")

@@ -83,11 +83,19 @@ def _named(names: tuple[str, ...], values: Any) -> dict[str, float] | None:
 
 
 def _target_names(imitator: Imitator) -> tuple[str, ...]:
-    """Return the names of a target's dimensions, those of a state as in the percept."""
+    """Return the names of a target's dimensions, those of a state as in the percept.
+
+    A target that is a state ends with the actions that do not move it.
+    """
     config = imitator.config
     if config.targets == "action":
         return config.action
-    return imitator.percept_names[: config.state_dimensions]
+    actions = tuple(config.action[number] for number in config.still_actions)
+    return (*imitator.percept_names[: config.state_dimensions], *map(_as_action, actions))
+
+
+def _as_action(name: str) -> str:
+    return f"{name} (action)"  # a dimension of the state may have its name
 
 
 def _attention(imitator: Imitator, percept: Tensor) -> dict[str, Any]:

@@ -20,7 +20,13 @@ from pacnet.cli.parsing import (
 )
 from pacnet.cli.points import add_points, describe_points, points_of, points_text
 from pacnet.cli.printing import counted, print_pairs, progress_bar, size_text
-from pacnet.cli.reports import count_episodes, describe_reports, print_reports
+from pacnet.cli.reports import (
+    count_episodes,
+    describe_forward_model,
+    describe_reports,
+    forward_model_text,
+    print_reports,
+)
 
 if TYPE_CHECKING:
     from pacnet.datasets.demonstrations import Demonstrations
@@ -119,8 +125,11 @@ def run(arguments: argparse.Namespace) -> None:
     known, demonstrations = _load(arguments)
     parted = _parted(demonstrations, arguments.held_out)
     shown = to_learn(demonstrations, parted) if parted else demonstrations
+    began = time.perf_counter()
+    if known is None and arguments.targets == "state" and shown.state_features:
+        _announce(shown)
     imitator = _untrained(arguments)(shown) if known is None else known
-    before, began = len(imitator.reports), time.perf_counter()
+    before = len(imitator.reports)
     _learn(imitator, shown, arguments.corrections)
     seconds = time.perf_counter() - began
     with defer_sigint():
@@ -194,12 +203,16 @@ def _untrained(arguments: argparse.Namespace) -> Callable[[Demonstrations], Imit
     )
 
 
+def _announce(demonstrations: Demonstrations) -> None:
+    """Say what may take seconds."""
+    frames = sum(len(shown.state) for shown in demonstrations)
+    transitions = counted(frames - len(demonstrations.continuous()), "transition")
+    print(f"fitting the forward model to {transitions} ...", file=sys.stderr)
+
+
 def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool) -> None:
     """Learn, with a progress bar."""
     frames = sum(len(shown.state) for shown in demonstrations)
-    if imitator.forward_model is not None and not imitator.reports:
-        transitions = counted(frames - len(demonstrations.continuous()), "transition")
-        print(f"fitting the forward model to {transitions} ...", file=sys.stderr)
     with progress_bar("learning", frames) as advance:
         imitator.learn(demonstrations, advance, corrections=corrections)
 
@@ -218,16 +231,18 @@ def _print(imitator: Imitator, before: int, seconds: float, folder: Path) -> Non
     )
     if before:
         learned += f" ({counted(count_episodes(imitator.reports), 'episode')} in all)"
-    print_pairs(
-        [
-            ("learned", learned),
-            ("nodes", f"{len(imitator.sofm):,}"),
-            ("tasks", f"{len(imitator.tasks):,}"),
-            ("targets", _targets(imitator)),
-            ("points", points_text(describe_points(imitator.config))),
-            ("checkpoint", f"{folder}, {size_text(size_of(folder))}"),
-        ]
-    )
+    pairs = [
+        ("learned", learned),
+        ("nodes", f"{len(imitator.sofm):,}"),
+        ("tasks", f"{len(imitator.tasks):,}"),
+        ("targets", _targets(imitator)),
+        ("points", points_text(describe_points(imitator.config))),
+        ("checkpoint", f"{folder}, {size_text(size_of(folder))}"),
+    ]
+    model = describe_forward_model(imitator)
+    if model is not None:
+        pairs.insert(-1, ("forward model", forward_model_text(model)))
+    print_pairs(pairs)
 
 
 def _targets(imitator: Imitator) -> str:

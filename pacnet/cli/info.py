@@ -16,7 +16,12 @@ from pacnet.cli.printing import (
     print_table,
     size_text,
 )
-from pacnet.cli.reports import describe_reports, print_reports
+from pacnet.cli.reports import (
+    describe_forward_model,
+    describe_reports,
+    forward_model_text,
+    print_reports,
+)
 
 if TYPE_CHECKING:
     from pacnet.imitator.imitator import Imitator
@@ -79,6 +84,7 @@ def _describe_imitator(imitator: Imitator) -> dict[str, Any]:
         "targets_are": config.targets,
         "target_dimensions": config.target_dimensions,
         "lead": config.lead if config.targets == "state" else None,
+        "forward_model": describe_forward_model(imitator),
         "budget": config.budget,
         "percept": _by_feature(config.percepts, scale),
         "thresholds": _by_feature(config.percepts, thresholds.tolist()) if len(memory) else None,
@@ -143,7 +149,7 @@ def _imitator(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     shown, budget = document["targets_shown"], document["budget"]
     kind = f"{document['targets_are']}s of {counted(document['target_dimensions'], 'dimension')}"
     if document["lead"] is not None:
-        kind += f", {counted(document['lead'], 'frame')} ahead; a forward model finds the actions"
+        kind += f", {counted(document['lead'], 'frame')} ahead"
     pairs = [
         ("percept", f"{percept} at {document['fps']:g} frames per second"),
         ("action", ", ".join(document["action"])),
@@ -154,6 +160,8 @@ def _imitator(document: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("budget", "none, all are kept" if budget is None else f"{budget:,} targets"),
         ("tasks", ", ".join(name or "untitled" for name in document["tasks"]) or NOTHING),
     ]
+    if document["forward_model"] is not None:
+        pairs.append(("forward model", forward_model_text(document["forward_model"])))
     if document["positions_lead"] is not None:
         pairs.insert(2, ("positions", _position_targets(document)))
     return pairs

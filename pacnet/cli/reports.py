@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from pacnet.cli.printing import NOTHING, print_table
+from pacnet.cli.printing import NOTHING, counted, print_table
 
 if TYPE_CHECKING:
     from pacnet.imitator.imitator import Imitator
@@ -35,6 +35,36 @@ def count_episodes(reports: Sequence[EpisodeReport]) -> int:
         before[:2] == after[:2] and before[2] < after[2] for before, after in pairwise(places)
     )
     return len(places) - continued
+
+
+def forward_model_text(fields: Mapping[str, Any]) -> str:
+    """Return which forward model finds the actions, and how well each one that was tried predicts.
+
+    Args:
+        fields: `model`, `explained` and `lead`, as `describe_forward_model` returns them.
+    """
+    model, shares = fields["model"], fields["explained"]
+    if not shares:  # of an older checkpoint
+        return str(model)
+    others = [f"; {name}: {share:.0%}" for name, share in shares.items() if name != model]
+    over = f"the change over {counted(fields['lead'], 'frame')}, in frames held out"
+    return f"{model}, which predicts {shares[model]:.0%} of {over}{''.join(others)}"
+
+
+def describe_forward_model(imitator: Imitator) -> dict[str, Any] | None:
+    """Return which forward model an imitator has, for JSON; None without one."""
+    from pacnet.imitator.forward_model import AFFINE, NETWORK, AffineForwardModelConfig
+
+    config = imitator.config
+    if config.forward_model is None:
+        return None
+    is_affine = isinstance(config.forward_model, AffineForwardModelConfig)
+    return {
+        "model": AFFINE if is_affine else NETWORK,
+        "explained": dict(config.explained),
+        "lead": config.lead,
+        "still_actions": [config.action[number] for number in config.still_actions],
+    }
 
 
 def print_reports(rows: Iterable[Mapping[str, Any]]) -> None:

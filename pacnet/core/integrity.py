@@ -48,7 +48,7 @@ def check_structure(module: nn.Module, tensors: Tensors) -> None:
     children: dict[str, Any] = {
         f"{name}.": child
         for name, child in module.named_children()
-        if hasattr(child, "check_state")
+        if hasattr(child, "check_state") and name != _FORWARD_MODEL
     }
     others = (*children, f"{_FORWARD_MODEL}.")
     own = {name: tensor for name, tensor in tensors.items() if not name.startswith(others)}

@@ -1,7 +1,6 @@
 """Forward models: from a target state to an action."""
 
 from pacnet.forward_models.affine import AffineForwardModel
-from pacnet.forward_models.affine_arrays import AffineArrays
 from pacnet.forward_models.candidates import Selection
 from pacnet.forward_models.config import (
     AffineForwardModelConfig,
@@ -14,7 +13,7 @@ from pacnet.forward_models.protocol import Command, ForwardModel, OneStateForwar
 from pacnet.forward_models.transition_matrix import TransitionMatrix
 
 __all__ = [
-    "AffineArrays", "AffineForwardModel", "AffineForwardModelConfig", "Command", "ForwardModel",
-    "MLPForwardModel", "MLPForwardModelConfig", "OneStateForwardModel",
+    "AffineForwardModel", "AffineForwardModelConfig", "Command", "ForwardModel", "MLPForwardModel",
+    "MLPForwardModelConfig", "OneStateForwardModel",
     "PIDConfig", "PIDController", "Selection", "TransitionMatrix", "TransitionMatrixConfig",
 ]  # fmt: skip

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from pacnet.core.drafts import BufferVersions, Lock
 from pacnet.core.growable_rows import copy_on_state_dict
-from pacnet.core.integrity import check_conditions, check_on_load, check_structure
+from pacnet.core.integrity import check_conditions, check_structure
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.validation import check_row, check_rows, check_same_length
 from pacnet.forward_models.affine_arrays import AffineArrays, arrays_of
@@ -91,7 +91,6 @@ class AffineForwardModel(SavedModel):
         self._lock = Lock()  # held while learned tensors are read or replaced
         self._cache: tuple[BufferVersions, AffineArrays] | None = None
         copy_on_state_dict(self)
-        check_on_load(self)
 
     @property
     def action_dimensions(self) -> int:
@@ -207,11 +206,22 @@ class AffineForwardModel(SavedModel):
         Raises:
             ValueError: a state or target of the wrong shape, dtype or device, or not finite.
         """
-        columns = self.config.state_dimensions
-        start, end = check_row("state", state, columns), check_row("target", target, columns)
-        rows = (torch.from_numpy(row.copy())[None].to(self.gain) for row in (start, end))
-        action, has_action = self.command(*rows)
-        return action[0].float().numpy(force=True) if bool(has_action) else None
+        columns, arrays = self.config.state_dimensions, self.arrays()
+        rows = (check_row("state", state, columns), check_row("target", target, columns))
+        now, end = (row.astype(np.float64) for row in rows)
+        if not (np.isfinite(now).all() and np.isfinite(end).all()):
+            raise ValueError(f"expected finite states and targets, got {now} and {end}")
+        if not arrays.moves.any():
+            return None
+        last = self.last.double().numpy(force=True)
+        velocity = now - last[0] if len(last) else np.zeros(columns)
+        action = arrays.inverse @ (end - now - arrays.lag @ velocity - arrays.drift)
+        action += placed(now[None], arrays.follows)[0]
+        action = np.where(
+            arrays.moves, action.clip(arrays.lowest, arrays.highest), arrays.mean_action
+        )
+        self.last = torch.from_numpy(now)[None].to(self.gain)
+        return action.astype(np.float32)
 
     def reset(self) -> None:
         """Start an episode, with any number of rows: forget the last states."""
@@ -236,6 +246,23 @@ class AffineForwardModel(SavedModel):
             columns = self.action_dimensions if is_action else self.config.state_dimensions
             check_rows(name, value, columns, self.gain)
         check_same_length(**rows)
+
+    def check_loaded(self, tensors: Mapping[str, Any]) -> None:
+        """Raise as `check_state`, but for no tensors at all, which a part of a state may have."""
+        if tensors:
+            self.check_state(tensors)
+
+    def load_state_dict(
+        self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
+    ) -> Any:
+        """Load tensors as `nn.Module` does, or none of them if one is refused.
+
+        Raises:
+            ValueError: as `check_state`.
+        """
+        self.check_state(state_dict)
+        with self._lock:
+            return super().load_state_dict(state_dict, strict, assign)
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""

@@ -21,7 +21,6 @@ _WORSE = 0.02  # log of a held-out error's ratio, summed over the state; less is
 _TIE = 0.1  # mean log of the errors' ratio up to which the larger ridge is taken
 _EFFECT_RIDGE = 0.1
 _SMALL, _TINY = 0.8, 0.2  # in shares of the median effect of all actions
-_INVERSE_RIDGE = 1e-3  # in shares of the mean square of the gains
 _LEAST_ERROR = 1e-6  # in shares of the mean square of a dimension's change
 
 
@@ -90,7 +89,7 @@ def fit_law(
     square = np.square(rows.changes[rows.part >= 0]).mean(axis=0)
     explained = np.where(square > 0, 1 - error / np.where(square > 0, square, 1), 0.0)
     gain, lag = coefficients[: len(place)].T, coefficients[len(place) :].T
-    spread = rows.inputs[:, : len(place)].std(axis=0)
+    spread = np.sqrt(np.square(rows.inputs[:, : len(place)]).mean(axis=0))
     weight = np.where(square > 0, 1 / np.maximum(error, _LEAST_ERROR * square + 1e-300), 0.0)
     return Law(gain, lag, drift, _invert(gain, weight, spread, kept), kept, error, explained)
 
@@ -208,13 +207,15 @@ def _prior(moments: _Moments, place: NDArray[np.int64]) -> Array:
 
 
 def _invert(gain: Array, weight: Array, spread: Array, kept: NDArray[np.bool_]) -> Array:
-    """Return the actions of least weighted error, `[U, S]`; 0 of those that move nothing."""
+    """Return the likeliest actions for a change, `[U, S]`; 0 of those that move nothing.
+
+    What is not predicted of a change has the variance 1 / weight, and an action the mean square
+    that was shown, so that noise in a change that is hardly due to actions moves them little.
+    """
     inverse = np.zeros(gain.T.shape)
-    size = np.where(spread > 0, spread, 1.0)[kept]
+    size = spread[kept]
     scaled = gain[:, kept] * size  # [S, K]
     products = scaled.T @ (weight[:, None] * scaled)
-    ridge = _INVERSE_RIDGE * np.trace(products) / max(1, len(size))
-    if ridge > 0:
-        solved = np.linalg.solve(products + ridge * np.eye(len(size)), scaled.T * weight)
-        inverse[kept] = size[:, None] * solved
+    solved = np.linalg.solve(products + np.eye(len(size)), scaled.T * weight)
+    inverse[kept] = size[:, None] * solved
     return inverse

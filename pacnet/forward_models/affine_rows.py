@@ -52,9 +52,9 @@ def mean_ahead(actions: Array, lead: int) -> Array:
     return ((sums[lead:] - sums[:-lead]) / lead)[:-1]
 
 
-def placed(states: Array, follows: Sequence[int]) -> Array:
+def placed(states: Array, follows: Sequence[int] | NDArray[np.int64]) -> Array:
     """Return the place of each action that is one of the state's, 0 of others, `[N, U]`."""
-    place = np.array(follows)
+    place = np.asarray(follows)
     return np.where(place >= 0, states[:, place], 0.0)
 
 

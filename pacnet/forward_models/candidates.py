@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from pacnet.core.drafts import Lock
-from pacnet.core.integrity import check_finite, check_names, part_of
+from pacnet.core.integrity import check_finite, check_names
 from pacnet.core.validation import as_batch, check_rows, check_same_length, describe
 from pacnet.forward_models.protocol import Command
 from pacnet.forward_models.saved_model import SavedModel
@@ -48,7 +48,6 @@ class CandidateModel(SavedModel):
         super().__init__(config)
         self.register_buffer("candidates", torch.tensor(config.candidates), persistent=False)
         self._lock = Lock()  # held while learned tensors are read or replaced
-        self.register_load_state_dict_pre_hook(_check_loaded)
 
     @property
     def action_dimensions(self) -> int:
@@ -165,7 +164,3 @@ def kernels() -> ModuleType:
     from pacnet.forward_models import kernels as candidate_kernels
 
     return candidate_kernels
-
-
-def _check_loaded(model: Any, state_dict: dict[str, Any], prefix: str, *_: object) -> None:
-    model.check_loaded(part_of(state_dict, prefix))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -11,14 +12,14 @@ import torch
 from torch import Tensor, nn
 
 from pacnet.core.checkpoint import load_checkpoint, rebuild_config, save_checkpoint
-from pacnet.core.integrity import check_tensors
+from pacnet.core.integrity import check_tensors, part_of
 
 
 class SavedModel(nn.Module):
     """Base of the learned forward models.
 
     A subclass sets `config_type` and `float_tensor`, which names a tensor of the model's dtype, and
-    refuses what is wrong in `load_state_dict`.
+    defines `check_loaded`.
 
     Args:
         config: settings of the subclass, see `config.py`.
@@ -32,6 +33,11 @@ class SavedModel(nn.Module):
     def __init__(self, config: Any) -> None:
         super().__init__()
         self.config = config
+        self.register_load_state_dict_pre_hook(_check_loaded)
+
+    @abstractmethod
+    def check_loaded(self, tensors: Mapping[str, Any]) -> None:
+        """Raise a ValueError unless tensors, the whole `state_dict` or a part, can be loaded."""
 
     def save_pretrained(self, folder: str | Path) -> None:
         """Write `config.json` and `model.safetensors`.
@@ -71,3 +77,7 @@ class SavedModel(nn.Module):
         except (RuntimeError, TypeError) as error:  # a size that does not fit into 64 bits
             raise ValueError("expected sizes that fit into memory") from error
         check_tensors(model, dict(tensors), like=cls.float_tensor)
+
+
+def _check_loaded(model: Any, state_dict: dict[str, Any], prefix: str, *_: object) -> None:
+    model.check_loaded(part_of(state_dict, prefix))

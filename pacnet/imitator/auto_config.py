@@ -14,17 +14,14 @@ from torch import Tensor
 from pacnet.attention.config import SOFMConfig
 from pacnet.core.validation import is_integer
 from pacnet.datasets.demonstrations import Demonstrations, dimension_names
-from pacnet.forward_models.config import MLPForwardModelConfig
-from pacnet.forward_models.correction import find_position_targets
-from pacnet.forward_models.kmeans import kmeans
+from pacnet.forward_models.correction import NO_PLACE, find_position_targets
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.points import PointsChoice, choose_points
+from pacnet.imitator.forward_model import NO_MODEL, choose_forward_model
 from pacnet.imitator.scaling import choose_scaling
 
 NOVELTY_THRESHOLD = 0.55  # activation under which the map grows
 WINNER_TAU = 0.1  # [s] a winner is fully habituated after three times as long
-MAX_CANDIDATES = 32  # actions that a forward model chooses from
-MIN_SPREAD = 0.1  # of the candidates' outcomes, in shares of the mean change; below it abstains
 
 
 def choose_settings(
@@ -42,7 +39,18 @@ def choose_settings(
         _check_targets(demonstrations, lead)
     shown = [one.percepts for one in demonstrations]
     scaling = choose_scaling(shown, percepts, fps)
-    follows, after = _follows(demonstrations, targets, lead)
+    names = _state_names(demonstrations)
+    follows, after = find_position_targets(
+        [one.state for one in demonstrations],
+        [one.action for one in demonstrations],
+        names,
+        demonstrations.action_names,
+        fps,
+    )
+    chosen = NO_MODEL
+    if targets == "state":
+        chosen = choose_forward_model(demonstrations.episodes, follows, lead)
+        follows, after = (*range(len(names)), *[NO_PLACE] * len(chosen.still_actions)), lead
     return ImitatorConfig(
         percepts=percepts,
         action=demonstrations.action_names,
@@ -54,7 +62,9 @@ def choose_settings(
         follows=follows,
         follows_after=after,
         budget=budget,
-        forward_model=_forward_model(demonstrations, lead) if targets == "state" else None,
+        forward_model=chosen.config,
+        explained=chosen.explained,
+        still_actions=chosen.still_actions,
         state=demonstrations.state_features,
         action_features=demonstrations.action_features,
         points=choose_points(points, episodes),
@@ -74,19 +84,10 @@ def _attention(shown: list[Tensor], scale: tuple[float, ...], fps: float) -> SOF
     )
 
 
-def _follows(
-    demonstrations: Demonstrations, targets: Literal["action", "state"], lead: int
-) -> tuple[tuple[int, ...], int]:
-    """Return which targets are places of the state, and by how many frames they lie ahead."""
+def _state_names(demonstrations: Demonstrations) -> tuple[str, ...]:
+    """Return names of the state's dimensions, as if there were no other features."""
     features = demonstrations.percept_features
-    names = dimension_names({name: features[name] for name in demonstrations.state_features})
-    if targets == "state":
-        return tuple(range(len(names))), lead
-    states = [one.state for one in demonstrations]
-    actions = [one.action for one in demonstrations]
-    return find_position_targets(
-        states, actions, names, demonstrations.action_names, demonstrations.fps
-    )
+    return dimension_names({name: features[name] for name in demonstrations.state_features})
 
 
 def _check_features(demonstrations: Demonstrations) -> None:
@@ -115,31 +116,3 @@ def _check_targets(demonstrations: Demonstrations, lead: int) -> None:
             f"expected lead as a number of frames from 1 to {longest - 1}, less than the longest "
             f"demonstration has between gaps, got {lead!r}"
         )
-
-
-def _forward_model(demonstrations: Demonstrations, lead: int) -> MLPForwardModelConfig:
-    """Return settings of a forward model that chooses among the demonstrated actions."""
-    actions = torch.cat([shown.action for shown in demonstrations])
-    change = torch.cat([shown.state[lead:] - shown.state[:-lead] for shown in demonstrations])
-    mean_change = change.double().square().mean().sqrt()
-    return MLPForwardModelConfig(
-        state_dimensions=change.shape[1],
-        action_dimensions=actions.shape[1],
-        candidates=_candidates(actions.double()),
-        steps=lead,
-        abstain_below=MIN_SPREAD * float(mean_change) if len(change) else 0.0,
-    )
-
-
-def _candidates(actions: Tensor) -> tuple[tuple[float, ...], ...]:
-    """Return a few actions that represent all actions `[T, U]`."""
-    different = actions.unique(dim=0)
-    if len(different) < 2:
-        raise ValueError(
-            f"expected actions that differ, for a forward model to choose from, got "
-            f"{different.tolist()} in every frame"
-        )
-    if len(different) > MAX_CANDIDATES:
-        generator = torch.Generator().manual_seed(0)
-        different, _ = kmeans(actions, MAX_CANDIDATES, generator)
-    return tuple(tuple(action) for action in different.tolist())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -11,7 +11,7 @@ from pacnet.attention.config import SOFMConfig
 from pacnet.core.old_names import with_new_names
 from pacnet.core.validation import MAX_SAMPLES, check_fields, is_integer, is_number
 from pacnet.datasets.demonstrations import ACTION, dimension_names
-from pacnet.forward_models.config import MLPForwardModelConfig
+from pacnet.forward_models.config import AffineForwardModelConfig, MLPForwardModelConfig
 from pacnet.imitator.scaling import Scaling
 from pacnet.schemas.points import Points
 
@@ -36,6 +36,10 @@ class ImitatorConfig:
         follows_after: frames by which such targets lie ahead of the state, ≥ 0.
         budget: number of targets that are kept, at most; None for all.
         forward_model: None if targets are actions.
+        explained: forward model that was tried -> share of the change of state that it predicted,
+            in frames held out; of those the best is used.
+        still_actions: numbers of the actions that do not move the state, such as a gripper's
+            beside a hand's place; a target that is a state ends with them.
         state: the features that are the robot's state, with which a percept begins; () for none,
             None for the first feature.
         action_features: the features that are the action, in its order.
@@ -52,16 +56,18 @@ class ImitatorConfig:
     follows: tuple[int, ...]
     follows_after: int
     budget: int | None = None
-    forward_model: MLPForwardModelConfig | None = None
+    forward_model: AffineForwardModelConfig | MLPForwardModelConfig | None = None
     state: tuple[str, ...] | None = None
     action_features: tuple[str, ...] = (ACTION,)
     points: Points | None = None
+    explained: Mapping[str, float] = field(default_factory=dict)
+    still_actions: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Turn the lists that JSON reads into tuples, and check the fields."""
         percepts = {feature: tuple(names) for feature, names in self.percepts.items()}
         object.__setattr__(self, "percepts", percepts)
-        for name in ("action", "follows", "action_features"):
+        for name in ("action", "follows", "action_features", "still_actions"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.state is not None:
             object.__setattr__(self, "state", tuple(self.state))
@@ -85,7 +91,7 @@ class ImitatorConfig:
                 "where targets are states, and only there",
             ),
         }
-        check_fields(self, checks)
+        check_fields(self, {**checks, **self._model_checks()})
         count, most = self.target_dimensions, self.state_dimensions
         fits = len(self.follows) == count and all(is_integer(i, -1) for i in self.follows)
         wanted = f"as {count} dimensions of {most}, or −1"
@@ -95,10 +101,26 @@ class ImitatorConfig:
         }
         check_fields(self, checks)
 
+    def _model_checks(self) -> dict[str, tuple[bool, str]]:
+        """Return whether what is kept about the forward model is valid, and what is."""
+        still, shares = self.still_actions, self.explained
+        numbers = all(is_integer(number, 0) and number < len(self.action) for number in still)
+        ascends = numbers and list(still) == sorted(set(still))
+        with_states = self.targets == "state" or not still
+        are_shares = isinstance(shares, Mapping) and all(
+            _is_name(name) and is_number(share) and share <= 1 for name, share in shares.items()
+        )
+        return {
+            "still_actions": (ascends and with_states, "as ascending numbers, of state targets"),
+            "explained": (are_shares, "as shares ≤ 1 by name"),
+        }
+
     @property
     def target_dimensions(self) -> int:
         """Length A of a target."""
-        return self.state_dimensions if self.targets == "state" else len(self.action)
+        if self.targets == "action":
+            return len(self.action)
+        return self.state_dimensions + len(self.still_actions)
 
     @property
     def state_features(self) -> tuple[str, ...]:
@@ -130,9 +152,8 @@ class ImitatorConfig:
         try:
             model, parts = fields["forward_model"], {}
             if model is not None:
-                parts["forward_model"] = MLPForwardModelConfig(
-                    **with_new_names(MLPForwardModelConfig, model)
-                )
+                kind = MLPForwardModelConfig if "candidates" in model else AffineForwardModelConfig
+                parts["forward_model"] = kind(**with_new_names(kind, model))
             parts["scaling"] = Scaling(**fields["scaling"])
             parts["attention"] = SOFMConfig(**fields["attention"])
             if fields.get("points") is not None:

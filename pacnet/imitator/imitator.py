@@ -6,7 +6,7 @@ forward model. One rule decides whether it acts: it does unless the percept is n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from operator import index
 from typing import Any, Literal
@@ -25,9 +25,9 @@ from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import warn_renamed
 from pacnet.core.validation import MAX_VALUE, check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
-from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
+from pacnet.imitator.forward_model import fit
 from pacnet.imitator.learning import Draft
 from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.points import PointsChoice
@@ -102,8 +102,8 @@ class Imitator(ImitatorState):
                 `pacnet.imitator.points`. "auto" finds them by their names, None is none.
 
         Raises:
-            ValueError: no demonstrations, percepts that never change, actions that never do where
-                a forward model has to choose among them, or points that are none here.
+            ValueError: no demonstrations, percepts that never change, actions that never do or too
+                few frames where a forward model has to find them, or points that are none here.
         """
         return cls(choose_settings(demonstrations, targets, lead, budget, points), engine)
 
@@ -155,7 +155,7 @@ class Imitator(ImitatorState):
         demonstrations = demonstrations.continuous()
         if self.forward_model is not None and not self.reports:
             with full_precision():
-                self._fit(self.forward_model, demonstrations.episodes)
+                fit(self.forward_model, demonstrations.episodes)
         reports = []
         for shown in demonstrations:
             with full_precision(), defer_sigint():
@@ -189,10 +189,10 @@ class Imitator(ImitatorState):
         score = known.detector.score(scaled, None if nearest < 0 else shown.percepts[nearest])
         is_novel = not score.novelty <= NOVEL  # NaN, which cannot be compared, counts as novel
         target = None if heaviest < 0 else wanted.astype(np.float32)
-        action = None if is_novel or target is None else self._action(percept, target)
+        action = None if target is None else self._action(percept, target)
         unit = known.correction.unit[score.dimension].item()
         return ImitatorStep(
-            action,
+            None if is_novel else action,
             is_novel,
             score.novelty,
             self.percept_names[score.dimension],
@@ -207,10 +207,14 @@ class Imitator(ImitatorState):
     def _action(
         self, percept: NDArray[np.float32], target: NDArray[np.float32]
     ) -> NDArray[np.float32] | None:
-        model = self.forward_model
+        model, config = self.forward_model, self.config
         if model is None:
             return target
-        return model.command_one(percept[: self.config.state_dimensions], target)
+        size = config.state_dimensions
+        action = model.command_one(percept[:size], target[:size])
+        if action is not None:
+            action[list(config.still_actions)] = target[size:]
+        return action
 
     def warm_up(self) -> None:
         """Trigger JIT compilation, which takes seconds, then start a new recall episode."""
@@ -244,6 +248,8 @@ class Imitator(ImitatorState):
                 self._known = known._replace(allowed=self._allowed(known.shown))
             self.follower.reset()
             self.novelty_detector.reset()
+            if self.forward_model is not None:
+                self.forward_model.reset()
 
     @torch.no_grad()
     def recognise(self, percepts: Tensor) -> Recognition:
@@ -278,14 +284,13 @@ class Imitator(ImitatorState):
             torch.where(attention.novelty, NO_NODE, attention.winner),
         )
 
-    def _fit(self, model: MLPForwardModel, episodes: Sequence[Demonstration]) -> None:
-        """Fit the forward model to all steps from one frame to the next."""
-        model.fit(
-            torch.cat([episode.state[:-1] for episode in episodes]),
-            torch.cat([episode.action[:-1] for episode in episodes]),
-            torch.cat([episode.state[1:] for episode in episodes]),
-            seed=0,
-        )
+    def _targets(self, shown: Demonstration) -> Tensor:
+        """Return what is stored of a demonstration, `[T, A]`."""
+        config = self.config
+        if config.targets == "action":
+            return shown.action
+        ahead = targets_ahead(shown.state, config.lead)
+        return torch.cat([ahead, shown.action[:, list(config.still_actions)]], dim=1)
 
     def _mean_first_action(self, shown: Demonstration) -> Tensor:
         """Return the mean first action `[U]` once this demonstration is learned."""
@@ -303,8 +308,7 @@ class Imitator(ImitatorState):
             correction = correction and number > 0  # the first has nothing to correct
             with self.state_lock:
                 draft = Draft(self.sofm, self.memory, self.correction, self.novelty_detector)
-            has_actions = config.targets == "action"
-            targets = shown.action if has_actions else targets_ahead(shown.state, config.lead)
+            targets = self._targets(shown)
             tasks, name = self.tasks, task_name(shown.task)
             task = tasks.index(name) if name in tasks else len(tasks)
             observed, novelty = draft.learn(

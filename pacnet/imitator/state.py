@@ -27,8 +27,8 @@ from pacnet.core.integrity import (
 )
 from pacnet.core.old_names import old_names
 from pacnet.forward_models.correction import Correction, LinearCorrection
-from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.imitator.config import ImitatorConfig
+from pacnet.imitator.forward_model import Model, class_of, make_model
 from pacnet.imitator.novelty import NoveltyDetector
 from pacnet.imitator.records import EpisodeReport, read_reports, task_name
 from pacnet.kernels.engine import Engine
@@ -69,8 +69,7 @@ class ImitatorState(nn.Module):
         self.memory = DemonstrationMemory(dimensions, targets)
         self.correction = LinearCorrection(dimensions, targets)
         self.novelty_detector = NoveltyDetector(dimensions, config.fps)
-        model = None if config.forward_model is None else MLPForwardModel(config.forward_model)
-        self.forward_model: MLPForwardModel | None = model
+        self.forward_model: Model | None = make_model(config.forward_model)
         self.reports: list[EpisodeReport] = []
         self.register_buffer("first_action", torch.zeros(len(config.action)))
         # One thread learns at a time. The state itself is locked only while it is replaced or read.
@@ -156,6 +155,8 @@ class ImitatorState(nn.Module):
             other._task = None
             other._begin_again()
             other.novelty_detector.reset()
+            if other.forward_model is not None:
+                other.forward_model.reset()
         return other
 
     def __getstate__(self) -> dict[str, Any]:
@@ -201,7 +202,8 @@ class ImitatorState(nn.Module):
         config = ImitatorConfig.from_dict(fields)
         try:
             if config.forward_model is not None:
-                MLPForwardModel.check_sizes(config.forward_model, part_of(tensors, _MODEL + "."))
+                part = part_of(tensors, _MODEL + ".")
+                class_of(config.forward_model).check_sizes(config.forward_model, part)
             _check_width(config, tensors)
             imitator = cls(config, engine)
             imitator.load_state_dict(tensors)

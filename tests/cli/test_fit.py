@@ -1,5 +1,6 @@
 """`pacnet fit` learns what the Python API learns."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -155,12 +156,16 @@ def test_fit_can_aim_at_states(dataset: Path, tmp_path: Path, capsys: pytest.Cap
     assert (config.targets, config.lead) == ("state", 3)
     out, error = capsys.readouterr()
     assert value_of("targets", out).endswith(" states")
+    model = value_of("forward model", out)
+    assert re.match(r"(affine|network), which predicts \d+% of the change over 3 frames", model)
     # From each frame to the next within 6 episodes of 80: what takes its time is announced.
     assert unannounced(error) == "fitting the forward model to 474 transitions ...\n"
     assert run("fit", dataset, "--from", tmp_path, "--out", tmp_path) == 0
     assert unannounced(capsys.readouterr().err) == ""  # it stays what it is
     assert run("info", tmp_path) == 0
-    assert "states of 2 dimensions, 3 frames ahead" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "states of 2 dimensions, 3 frames ahead" in told
+    assert value_of("forward model", told) == model
 
 
 def test_four_frames_are_enough_to_act(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

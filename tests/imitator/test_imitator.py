@@ -129,8 +129,6 @@ def test_states_as_targets_are_reached_through_a_forward_model():
     demonstrations = Demonstrations(FPS, names, (pushed(), pushed()), "going")
     imitator = Imitator.from_demonstrations(demonstrations, targets="state", lead=5)
     imitator.learn(demonstrations)
-    candidates = torch.tensor(imitator.config.forward_model.candidates)
-    assert torch.allclose(candidates, torch.tensor([[-0.02], [0.02]]))
     place = 3.0  # far behind the part to and fro, so that it begins in the middle
     for _ in range(100):
         step = imitator.step(np.float32([place]))
