@@ -106,13 +106,13 @@ def cells(arguments: Arguments, names: Sequence[str]) -> Iterator[Cell]:
 
 def measure(arguments: Arguments, results: Results) -> None:
     """Measure what is missing, with a progress bar."""
-    names = tasks.choose(arguments.tasks)
+    world, out = None, set(results.failed_experts)
+    names = [task for task in tasks.choose(arguments.tasks) if task not in out]
     missing = [
         cell
         for cell in cells(arguments, names)
         if arguments.again or not results.has(cell, arguments.episodes)
     ]
-    world, out = None, set(results.failed_experts)
     with tqdm(missing, "Metaworld", unit="cell", disable=None) as bar:
         for cell in bar:
             if cell.task in out:

@@ -23,7 +23,7 @@ STYLES = {
 }
 
 
-def draw(found: Mapping[Cell, Result], path: Path = PATH) -> None:
+def draw(found: Mapping[Cell, Result]) -> None:
     """Draw a line for each learner, one panel for each set of tasks, seen as usual."""
     usual = {cell: result for cell, result in found.items() if cell.view == View()}
     sets = [n for n in report.SETS if any(tasks.set_of(cell.task) == n for cell in usual)]
@@ -45,7 +45,7 @@ def draw(found: Mapping[Cell, Result], path: Path = PATH) -> None:
         axes.minorticks_off()
         axes.set_ylim(0, 100)
     panels[-1].legend(frameon=False, fontsize=8)
-    figure.savefig(path)
+    figure.savefig(PATH)
 
 
 def _shown(found: Mapping[Cell, Result], number: int) -> dict[Cell, Result]:

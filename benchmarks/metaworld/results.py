@@ -81,9 +81,10 @@ class Results:
         return path.exists() and len(_read(path)[1].successes) == episodes
 
     def all(self) -> dict[Cell, Result]:
-        """Return all results, in the order of their files' names."""
-        paths = sorted(self.folder.glob("*.json"))
-        return dict(_read(path) for path in paths if path.name != EXPERTS)
+        """Return all results but those of tasks left out, in the order of their files' names."""
+        paths, failed = sorted(self.folder.glob("*.json")), self.failed_experts
+        read = dict(_read(path) for path in paths if path.name != EXPERTS)
+        return {cell: result for cell, result in read.items() if cell.task not in failed}
 
     @property
     def failed_experts(self) -> dict[str, str]:
