@@ -113,6 +113,7 @@ def measure(arguments: Arguments, results: Results) -> None:
         for cell in cells(arguments, names)
         if arguments.again or not results.has(cell, arguments.episodes)
     ]
+    datasets = arguments.folder / "demonstrations"
     with tqdm(missing, "Metaworld", unit="cell", disable=None) as bar:
         for cell in bar:
             if cell.task in out:
@@ -121,14 +122,12 @@ def measure(arguments: Arguments, results: Results) -> None:
             if world is None or world.task != cell.task:
                 world = World(cell.task)
             try:
-                dataset = demonstrations_of(world, cell.draw, arguments.folder / "demonstrations")
+                shown = load(demonstrations_of(world, cell.draw, datasets), cell.demonstrations)
             except ExpertFailsError as error:
                 out.add(cell.task)
                 results.leave_out(cell.task, str(error))
-                bar.write(f"left out: {error}", file=sys.stderr)
-                continue
-            shown = load(dataset, cell.demonstrations)
-            results.keep(cell, evaluate(cell, world, shown, arguments.episodes))
+            else:
+                results.keep(cell, evaluate(cell, world, shown, arguments.episodes))
 
 
 def main() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from statistics import fmean, median
 
 from benchmarks import results_page
@@ -18,6 +19,8 @@ from benchmarks.metaworld.simulation import FPS, HORIZON
 Found = Mapping[Cell, Result]
 Place = tuple[str, int]  # a task and a draw
 
+FILM = Path(__file__).parents[2] / "docs" / "images" / "metaworld.gif"  # see `film`
+FILM_LINK = f"![Shown once on the left, imitated in other places on the right](images/{FILM.name})"
 SETS = (*tasks.SETS, tasks.OTHER)
 TEXT = f"""`make metaworld` runs it: a robot's hand and gripper do a task of Metaworld at {FPS} Hz,
 from percepts of places alone: hand, gripper, objects, goal. Metaworld's scripted experts
@@ -48,10 +51,11 @@ def markdown(found: Found, failed: Mapping[str, str]) -> str:
 
 def write(found: Found, failed: Mapping[str, str]) -> None:
     """Write tables and figure into docs/."""
-    from benchmarks.metaworld import figure
+    from benchmarks.metaworld import figure  # which imports matplotlib
 
     figure.draw(found)
-    results_page.update("metaworld", f"{markdown(found, failed)}\n\n{figure.LINK}")
+    parts = [markdown(found, failed), figure.LINK, *([FILM_LINK] if FILM.exists() else [])]
+    results_page.update("metaworld", "\n\n".join(parts))
 
 
 def learners_of(found: Iterable[Cell]) -> list[str]:

@@ -15,8 +15,6 @@ import numpy as np
 
 from benchmarks.metaworld.features import Array
 
-os.environ.setdefault("MUJOCO_GL", "disable")  # no window; the film chooses another one before
-
 FPS = 80  # [1/s]
 HORIZON = 300  # steps after which an episode has failed
 NEEDED = "metaworld"
@@ -30,13 +28,13 @@ class World:
         task: its name without a version, as in `tasks`.
         whole: whether reward and quaternions are computed; they change nothing that is read here.
             In a process that has had a world without, there are no more rewards.
-        render: keywords of the environment that say how pictures are drawn.
 
     Raises:
         ValueError: Metaworld has no such task.
     """
 
-    def __init__(self, task: str, *, whole: bool = False, **render: Any) -> None:
+    def __init__(self, task: str, *, whole: bool = False) -> None:
+        os.environ.setdefault("MUJOCO_GL", "disable")  # before MuJoCo is imported
         from metaworld.env_dict import ALL_V3_ENVIRONMENTS_GOAL_OBSERVABLE
         from metaworld.policies import ENV_POLICY_MAP
 
@@ -44,7 +42,7 @@ class World:
             raise ValueError(f"expected one of {', '.join(known_tasks())}, got {task!r}")
         self.task = task
         make = ALL_V3_ENVIRONMENTS_GOAL_OBSERVABLE[f"{task}{_VERSION}-goal-observable"]
-        self.env: Any = make(seed=0, **render)
+        self.env: Any = make(seed=0)
         self.env._freeze_rand_vec = False  # new places at each reset ...
         self.env.seeded_rand_vec = True  # ... that the seed decides, not NumPy's global generator
         self._policy: Any = ENV_POLICY_MAP[f"{task}{_VERSION}"]()
