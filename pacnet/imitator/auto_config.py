@@ -16,8 +16,8 @@ from pacnet.core.validation import is_integer
 from pacnet.datasets.demonstrations import Demonstrations, dimension_names
 from pacnet.forward_models.correction import NO_PLACE, find_position_targets
 from pacnet.imitator.config import ImitatorConfig
-from pacnet.imitator.points import PointsChoice, choose_points
 from pacnet.imitator.forward_model import NO_MODEL, choose_forward_model
+from pacnet.imitator.points import PointsChoice, choose_points
 from pacnet.imitator.scaling import choose_scaling
 
 NOVELTY_THRESHOLD = 0.55  # activation under which the map grows
