@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from benchmarks.metaworld.evaluation import EPISODES, evaluate
 from benchmarks.metaworld.features import View
 from benchmarks.metaworld.learners import LEARNERS
 from benchmarks.metaworld.recording import NUMBER, ExpertFailsError, demonstrations_of, load
-from benchmarks.metaworld.results import Cell, Results
+from benchmarks.metaworld.results import Cell, Result, Results
 from benchmarks.metaworld.simulation import World, is_installed
 
 FOLDER = Path("runs/metaworld")
@@ -72,7 +72,7 @@ def parse_arguments(arguments: Sequence[str] | None = None) -> Arguments:
     add("--units", type=float, default=1.0, help="of percepts per metre; 1000: millimetres (1)")
     add("--turn", type=float, default=0.0, help="of the percepts' axes about z [degrees] (0)")
     add("--again", action="store_true", help="measure anew what was measured before")
-    add("--write", action="store_true", help="also write docs/benchmarks.md and its figure")
+    add("--write", action="store_true", help="also write all results of the folder into docs/")
     parsed = vars(parser.parse_args(arguments))
     view = View(*(parsed.pop(name) for name in ("noise", "units", "turn")))
     checked = Arguments(**parsed, view=view)
@@ -130,6 +130,12 @@ def measure(arguments: Arguments, results: Results) -> None:
                 results.keep(cell, evaluate(cell, world, shown, arguments.episodes))
 
 
+def asked_for(arguments: Arguments, found: Mapping[Cell, Result]) -> dict[Cell, Result]:
+    """Return the results that belong to these arguments; a folder may hold more."""
+    asked = set(cells(arguments, tasks.choose(arguments.tasks)))
+    return {cell: result for cell, result in found.items() if cell in asked}
+
+
 def main() -> int:
     """Measure, print and write."""
     arguments = parse_arguments()
@@ -147,12 +153,10 @@ def main() -> int:
         interrupted = True
     except ValueError as error:
         sys.exit(str(error))
-    found = results.all()
-    if not found:
-        return 1
-    print(report.markdown(found, results.failed_experts))
+    found, failed = results.all(), results.failed_experts
+    print(report.markdown(asked_for(arguments, found), failed))
     if arguments.write and not interrupted:
-        report.write(found, results.failed_experts)
+        report.write(found, failed)
     return int(interrupted)
 
 

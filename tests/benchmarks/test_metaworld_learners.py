@@ -121,6 +121,19 @@ def test_a_network_averages_over_neighbours():
     assert network.predict(inputs[0]) == pytest.approx([inputs[0].mean()], abs=0.1)
 
 
+def test_no_frame_is_its_own_neighbour_in_training(monkeypatch: pytest.MonkeyPatch):
+    given = []
+    monkeypatch.setattr(Network, "fit", lambda _, inputs, actions: given.append((inputs, actions)))
+    learned("darp")
+    inputs, actions = given[0]
+    assert inputs.shape == (800, 10, 10 + 4 + 10)
+    rows, difference = inputs[..., :10], inputs[..., 14:]
+    assert np.linalg.norm(difference, axis=-1).min() > 1e-3
+    percepts = rows + difference  # of the frame itself, ten times
+    assert percepts == pytest.approx(np.repeat(percepts[:, :1], 10, axis=1))
+    assert actions.shape == (800, 4)
+
+
 def test_held_out_places_are_in_no_demonstration():
     draws = 50  # at most
     tried = int(NUMBER / 0.8)

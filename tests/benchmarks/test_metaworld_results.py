@@ -15,6 +15,7 @@ from benchmarks.metaworld import figure, recording, report
 from benchmarks.metaworld.features import View
 from benchmarks.metaworld.recording import ExpertFailsError, demonstrations_of, load, successes
 from benchmarks.metaworld.results import Cell, Result, Results
+from pacnet import load_demonstrations
 
 HALF = Result([True, False], [120, 300], 0.25, 1.5, 40.0)
 ALL = HALF._replace(successes=[True, True])
@@ -146,7 +147,7 @@ def test_a_recording_that_was_interrupted_is_begun_again(
     with pytest.raises(KeyboardInterrupt):
         demonstrations_of(world, 0, folder)
     root = demonstrations_of(world, 0, folder)
-    assert len(load(root, 20)) == 20
+    assert len(load_demonstrations(root)) == 20
     assert [path.name for path in folder.iterdir()] == [root.name]
 
 
@@ -258,6 +259,14 @@ def test_without_arguments_both_sets_are_measured():
     assert (given.draws, given.demonstrations, given.episodes) == (3, [1, 5, 20], 50)
     assert given.view == View()
     assert len(list(command.cells(given, ["reach"]))) == 3 * 3 * 6
+
+
+def test_only_what_a_command_asks_for_is_printed(folder: Path):
+    given = arguments(folder)
+    asked, other = Cell("reach", 0, 2, "replay"), Cell("reach", 1, 2, "replay")
+    assert command.asked_for(given, {asked: HALF, other: ALL}) == {asked: HALF}
+    noisy = given._replace(view=View(noise=0.1))
+    assert command.asked_for(noisy, {asked: HALF, other: ALL}) == {}
 
 
 def test_every_file_is_complete_json(folder: Path):
