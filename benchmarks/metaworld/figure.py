@@ -35,11 +35,11 @@ def draw(found: Mapping[Cell, Result]) -> None:
         for learner in report.learners_of(of_set):
             points = [(n, report.success(_shown(of_set, n), learner)) for n in counts]
             known = [(n, 100 * share) for n, share in points if share is not None]
-            colour, line = STYLES[learner]
+            (colour, line), title = STYLES[learner], TITLES[learner].strip("`")
             if known:
-                axes.plot(*zip(*known, strict=True), line, color=colour, label=TITLES[learner])
-        title = f"{name}: {len({cell.task for cell in of_set})} tasks"
-        tidy(axes, title, "demonstrations", "success [%]" if axes is panels[0] else "")
+                axes.plot(*zip(*known, strict=True), line, color=colour, label=title)
+        heading = f"{name}: {len({cell.task for cell in of_set})} tasks"
+        tidy(axes, heading, "demonstrations", "success [%]" if axes is panels[0] else "")
         axes.set_xscale("log")
         axes.set_xticks(counts, map(str, counts))
         axes.minorticks_off()

@@ -25,7 +25,7 @@ SETS = (*tasks.SETS, tasks.OTHER)
 TEXT = f"""`make metaworld` runs it: a robot's hand and gripper do a task of Metaworld at {FPS} Hz,
 from percepts of places alone: hand, gripper, objects, goal. Metaworld's scripted experts
 demonstrate, with noise of {NOISE:g} on each action; then things lie elsewhere. Success: share of
-the episodes in which Metaworld says so within {HORIZON} steps, mean over {{draws}} choices of
+the episodes in which Metaworld says so within {HORIZON} steps, mean over {{draws}} of
 demonstrations, {{episodes}} episodes each, then over the tasks. All learners meet the same places
 (seeds from {SEEDS:,}). Where the imitator holds, the zero action is sent. All baselines but replay
 are given places relative to one another. Methods may be tuned on the tasks `development` alone. A
@@ -85,9 +85,10 @@ def sets_table(found: Found, failed: Mapping[str, str]) -> Table:
             label = ", ".join(filter(None, (name, str(view), str(count))))
             rows.append((label, str(len({c.task for c in part})), *_shares(part, learners)))
     columns = ("tasks, demonstrations", "number", *(TITLES[name] for name in learners))
+    draws = len({cell.draw for cell in found})
     episodes = sorted({len(result.successes) for result in found.values()})
     text = TEXT.format(
-        draws=len({cell.draw for cell in found}),
+        draws=f"{draws} choice{'s' if draws != 1 else ''}",
         episodes=" or ".join(map(str, episodes)),
         out=_left_out(failed),
     )
