@@ -17,8 +17,10 @@ from pacnet.datasets.demonstrations import Demonstrations, dimension_names
 from pacnet.forward_models.correction import NO_PLACE, find_position_targets
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.forward_model import NO_MODEL, choose_forward_model
+from pacnet.imitator.frames import choose_frames
 from pacnet.imitator.points import PointsChoice, choose_points
-from pacnet.imitator.scaling import choose_scaling
+from pacnet.imitator.scaling import Scaling, choose_scaling
+from pacnet.schemas.frames import FramesConfig
 
 NOVELTY_THRESHOLD = 0.55  # activation under which the map grows
 WINNER_TAU = 0.1  # [s] a winner is fully habituated after three times as long
@@ -67,8 +69,28 @@ def choose_settings(
         still_actions=chosen.still_actions,
         state=demonstrations.state_features,
         action_features=demonstrations.action_features,
-        points=choose_points(points, episodes),
+        frames=_frames(points, episodes, scaling, targets, budget),
     )
+
+
+def _frames(
+    choice: PointsChoice,
+    demonstrations: Demonstrations,
+    scaling: Scaling,
+    targets: Literal["action", "state"],
+    budget: int | None,
+) -> FramesConfig | None:
+    """Return the settings of frames of reference; None without points, or where they are no use."""
+    given = choice is not None and choice != "auto"
+    if targets == "state" or budget is not None:
+        if given:
+            wrong = "targets of 'state'" if targets == "state" else "a budget"
+            raise ValueError(f"expected points with targets of 'action', all kept, got {wrong}")
+        return None
+    points = choose_points(choice, demonstrations)
+    if points is None:
+        return None
+    return choose_frames(points, demonstrations.continuous(), scaling.scale, given)
 
 
 def _attention(shown: list[Tensor], scale: tuple[float, ...], fps: float) -> SOFMConfig:

@@ -13,6 +13,7 @@ from pacnet.core.validation import MAX_SAMPLES, check_fields, is_integer, is_num
 from pacnet.datasets.demonstrations import ACTION, dimension_names
 from pacnet.forward_models.config import AffineForwardModelConfig, MLPForwardModelConfig
 from pacnet.imitator.scaling import Scaling
+from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.points import Points
 
 _FASTEST = 100_000  # frames per second [1/s]; memory for the last of them is made beforehand
@@ -43,7 +44,7 @@ class ImitatorConfig:
         state: the features that are the robot's state, with which a percept begins; () for none,
             None for the first feature.
         action_features: the features that are the action, in its order.
-        points: which dimensions of a percept are points; None for none.
+        frames: how targets are kept in frames of reference; None for none.
     """
 
     percepts: Mapping[str, tuple[str, ...]]
@@ -59,7 +60,7 @@ class ImitatorConfig:
     forward_model: AffineForwardModelConfig | MLPForwardModelConfig | None = None
     state: tuple[str, ...] | None = None
     action_features: tuple[str, ...] = (ACTION,)
-    points: Points | None = None
+    frames: FramesConfig | None = None
     explained: Mapping[str, float] = field(default_factory=dict)
     still_actions: tuple[int, ...] = ()
 
@@ -97,7 +98,10 @@ class ImitatorConfig:
         wanted = f"as {count} dimensions of {most}, or −1"
         checks = {
             "follows": (fits and max(self.follows, default=-1) < most, wanted),
-            "points": (_lie_within(self.points, dimensions), f"within {dimensions} dimensions"),
+            "frames": (
+                self._fits(self.frames),
+                f"of {dimensions} dimensions and actions, all kept",
+            ),
         }
         check_fields(self, checks)
 
@@ -114,6 +118,26 @@ class ImitatorConfig:
             "still_actions": (ascends and with_states, "as ascending numbers, of state targets"),
             "explained": (are_shares, "as shares ≤ 1 by name"),
         }
+
+    def _fits(self, frames: object) -> bool:
+        """Return whether frames are of these percepts and actions, none of which are dropped."""
+        if frames is None:
+            return True
+        if not isinstance(frames, FramesConfig):
+            return False
+        dimensions = sorted((*frames.points.used, *frames.others))
+        actions = frames.forward_model.action_dimensions
+        whole = self.targets == "action" and self.budget is None
+        return (
+            whole
+            and dimensions == [*range(self.attention.dimensions)]
+            and (actions == len(self.action))
+        )
+
+    @property
+    def points(self) -> Points | None:
+        """Which dimensions of a percept are points; None for none."""
+        return None if self.frames is None else self.frames.points
 
     @property
     def target_dimensions(self) -> int:
@@ -156,16 +180,11 @@ class ImitatorConfig:
                 parts["forward_model"] = kind(**with_new_names(kind, model))
             parts["scaling"] = Scaling(**fields["scaling"])
             parts["attention"] = SOFMConfig(**fields["attention"])
-            if fields.get("points") is not None:
-                parts["points"] = Points.from_dict(fields["points"])
+            if fields.get("frames") is not None:
+                parts["frames"] = FramesConfig.from_dict(fields["frames"])
             return cls(**{**fields, **parts})
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(f"expected the fields of ImitatorConfig, got {error!r}") from error
-
-
-def _lie_within(points: object, dimensions: int) -> bool:
-    """Return whether these are points of a percept of so many dimensions, or None."""
-    return points is None or (isinstance(points, Points) and max(points.used) < dimensions)
 
 
 def _is_name(value: object) -> bool:

@@ -28,6 +28,7 @@ from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
 from pacnet.imitator.forward_model import fit
+from pacnet.imitator.framed_step import framed_step
 from pacnet.imitator.learning import Draft
 from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.points import PointsChoice
@@ -156,6 +157,8 @@ class Imitator(ImitatorState):
         if self.forward_model is not None and not self.reports:
             with full_precision():
                 fit(self.forward_model, demonstrations.episodes)
+        if self.frames is not None and not self.reports:
+            self.frames.fit(demonstrations)
         reports = []
         for shown in demonstrations:
             with full_precision(), defer_sigint():
@@ -173,8 +176,6 @@ class Imitator(ImitatorState):
         Raises:
             ValueError: wrong shape or dtype, or not finite; nothing has changed.
         """
-        from pacnet.competition.following_kernels import follow  # imports numba
-
         percept, known = check_row("percept", percept, len(self.percept_names)), self._latest()
         with np.errstate(over="ignore"):  # refused below
             scaled = percept * self._scale
@@ -182,6 +183,17 @@ class Imitator(ImitatorState):
             raise ValueError(
                 f"expected a finite percept within ±{MAX_VALUE:g}, scaled, got {percept.tolist()}"
             )
+        if known.framed is not None and self.frames is not None:
+            end = _END * self.config.fps
+            return framed_step(percept, known.framed, self.frames.config, self.percept_names, end)
+        return self._step(percept, scaled, known)
+
+    def _step(
+        self, percept: NDArray[np.float32], scaled: NDArray[np.float32], known: Known
+    ) -> ImitatorStep:
+        """Return the action without frames of reference."""
+        from pacnet.competition.following_kernels import follow  # imports numba
+
         shown, state = known.shown, known.state
         wanted = np.empty(self.config.target_dimensions)
         follow(scaled, shown, known.allowed, state, known.settings, known.correction, wanted)
@@ -245,8 +257,10 @@ class Imitator(ImitatorState):
         with self.state_lock:
             self._task, known = task, self._known
             if known is not None:
-                self._known = known._replace(allowed=self._allowed(known.shown))
+                self._known = self._take()
             self.follower.reset()
+            if self._framed_follower is not None:
+                self._framed_follower.reset()
             self.novelty_detector.reset()
             if self.forward_model is not None:
                 self.forward_model.reset()
@@ -307,7 +321,9 @@ class Imitator(ImitatorState):
             number, config = len(self.reports), self.config
             correction = correction and number > 0  # the first has nothing to correct
             with self.state_lock:
-                draft = Draft(self.sofm, self.memory, self.correction, self.novelty_detector)
+                draft = Draft(
+                    self.sofm, self.memory, self.correction, self.novelty_detector, self.frames
+                )
             targets = self._targets(shown)
             tasks, name = self.tasks, task_name(shown.task)
             task = tasks.index(name) if name in tasks else len(tasks)

@@ -13,6 +13,7 @@ from pacnet.core.validation import MAX_VALUE
 from pacnet.forward_models.correction import LinearCorrection
 from pacnet.imitator.budget import kept_rows
 from pacnet.imitator.config import ImitatorConfig
+from pacnet.imitator.framed import FramedSchemas
 from pacnet.imitator.novelty import NoveltyDetector, strides
 from pacnet.schemas.demonstration_memory import DemonstrationMemory
 
@@ -28,12 +29,14 @@ class Draft:
         memory: DemonstrationMemory,
         correction: LinearCorrection,
         detector: NoveltyDetector,
+        frames: FramedSchemas | None,
     ) -> None:
         self.sofm = draft_of(sofm)
         self.memory = memory.snapshot()  # appending leaves what is there
         self.correction, self.detector = draft_of(correction), draft_of(detector)
         self.renumbered = False  # whether rows of the memory have other numbers now
-        self._replaced = sofm, memory, correction, detector
+        self.frames = None if frames is None else draft_of(frames)
+        self._replaced = sofm, memory, correction, detector, frames
 
     def learn(
         self,
@@ -61,6 +64,8 @@ class Draft:
         changes = config.scaling.recent(config.fps).changes(scaled)
         changes = (changes * config.scaling.change_ratio).clip(-MAX_VALUE, MAX_VALUE)
         self.memory.append(scaled, changes.astype(np.float32), targets, task, correction)
+        if self.frames is not None:
+            self.frames.cut(len(self.memory) - 1, percepts.numpy())
         if config.budget is not None and len(self.memory.rows) > config.budget:
             self._forget(config.budget, self.sofm.scale / percepts.new_tensor(config.scaling.scale))
         if not correction and self.detector.is_due(len(self.memory)):
@@ -99,8 +104,10 @@ class Draft:
 
     def replace(self) -> None:
         """Let the parts that the draft is of adopt what was learned."""
-        sofm, memory, correction, detector = self._replaced
+        sofm, memory, correction, detector, frames = self._replaced
         adopt(sofm, self.sofm)
         memory.adopt(self.memory)
         adopt(correction, self.correction)
         adopt(detector, self.detector)
+        if frames is not None and self.frames is not None:
+            adopt(frames, self.frames)

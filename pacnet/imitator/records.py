@@ -74,6 +74,10 @@ class ImitatorStep(NamedTuple):
     """The demonstrations that decide; none before anything was learned."""
     target: NDArray[np.float32] | None
     """What is aimed at, `[A]`: the action itself, or a state; None with nothing to follow."""
+    landmark: str | None = None
+    """In whose frame of reference that is; None without frames."""
+    segment: int | None = None
+    """Number of the segment, within the demonstration, that goes there; None without frames."""
 
 
 def task_name(task: str) -> str:

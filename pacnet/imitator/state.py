@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from pacnet.attention.sofm import HabituatingSOFM
 from pacnet.competition.following import Follower, Settings, State
+from pacnet.competition.framed_following import FramedFollower
 from pacnet.core.checkpoint import load_checkpoint, save_checkpoint
 from pacnet.core.drafts import BufferVersions, Lock, snapshot_of
 from pacnet.core.growable_rows import copy_on_state_dict
@@ -29,6 +30,7 @@ from pacnet.core.old_names import old_names
 from pacnet.forward_models.correction import Correction, LinearCorrection
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.forward_model import Model, class_of, make_model
+from pacnet.imitator.framed import FramedKnown, FramedSchemas
 from pacnet.imitator.novelty import NoveltyDetector
 from pacnet.imitator.records import EpisodeReport, read_reports, task_name
 from pacnet.kernels.engine import Engine
@@ -48,6 +50,8 @@ class Known(NamedTuple):
     """Which demonstrations are of the task that was asked for, `[E]`."""
     state: State
     """The recall episode, which refers to rows of these demonstrations."""
+    framed: FramedKnown | None
+    """The same in frames of reference; None without them, and before anything was learned."""
 
 
 @old_names(lessons="reports", familiarity="novelty_detector")
@@ -70,6 +74,8 @@ class ImitatorState(nn.Module):
         self.correction = LinearCorrection(dimensions, targets)
         self.novelty_detector = NoveltyDetector(dimensions, config.fps)
         self.forward_model: Model | None = make_model(config.forward_model)
+        frames = config.frames
+        self.frames = None if frames is None else FramedSchemas(frames, config.fps)
         self.reports: list[EpisodeReport] = []
         self.register_buffer("first_action", torch.zeros(len(config.action)))
         # One thread learns at a time. The state itself is locked only while it is replaced or read.
@@ -100,6 +106,11 @@ class ImitatorState(nn.Module):
         config = self.config
         recent = config.scaling.recent(config.fps)
         self.follower = Follower(recent, config.scaling.change_ratio, config.fps)
+        self._framed_follower = None
+        if self.frames is not None:
+            self.frames.forget_derived()
+            actions = len(config.action)
+            self._framed_follower = FramedFollower(self.frames.config, actions, config.fps)
         self._scale = config.scaling.array
         self._known: Known | None = None
         self._versions: BufferVersions | None = None  # of the state that the follower refers to
@@ -128,14 +139,21 @@ class ImitatorState(nn.Module):
             config.follows_after,
             self.correction.gain(),
         )
-        self._versions = BufferVersions(self.memory, self.correction, self.novelty_detector)
+        allowed = self._allowed(shown)
+        parts = [self.memory, self.correction, self.novelty_detector]
+        framed = None
+        if self.frames is not None and self._framed_follower is not None:
+            framed = self.frames.known(shown, correction.unit, allowed, self._framed_follower)
+            parts.append(self.frames)
+        self._versions = BufferVersions(*parts)
         return Known(
             shown,
             correction,
             self.follower.settings(shown, correction),
             snapshot_of(self.novelty_detector),
-            self._allowed(shown),
+            allowed,
             self.follower.state,
+            framed,
         )
 
     def _allowed(self, shown: Shown) -> NDArray[np.bool_]:

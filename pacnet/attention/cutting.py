@@ -1,0 +1,120 @@
+"""Attention cuts a demonstration: at every frame, the landmark that the moved point is on its way to.
+
+Of the landmarks at rest it is the one that is attained first. A landmark is attained when the moved
+point comes near, or when it is set in motion, or, where neither happens, at the least distance. A
+landmark that moves is carried or pushed, and no place to go to. A segment is a stretch in which the
+landmark is the same. All distances are shares of what was shown, and all numbers of frames times.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_MOVES = 0.2  # share of the moved point's usual speed from which a landmark moves
+_WINDOW = 0.05  # [s] before and after a moment in which speed is measured
+_NEAR = 0.3  # share of the scene's size at which a landmark is near, at most
+_SHARE = 0.35  # of the farthest distance from a landmark that is left where it is near
+_CLOSE = 0.05  # share of the scene's size that is near in any case
+_REACH = 0.6  # share of the scene's size within which what is set in motion was set so on purpose
+_TOGETHER = 0.125  # [s] within which two landmarks are attained at once; the nearer one counts
+_SHORTEST = 0.075  # [s] of a segment
+
+
+class Size(NamedTuple):
+    """What is far and fast in a scene, in the units of places and frames."""
+
+    extent: float
+    """Diagonal of the box in which the moved point moves, the median over demonstrations."""
+    speed: float
+    """Its usual speed, a quadratic mean [1/frame]."""
+
+
+def measure(places: list[Array], fps: float) -> Size:
+    """Return the size of the scene, from the moved point's places `[T, 3]` in demonstrations."""
+    window = max(1, round(_WINDOW * fps))
+    extent = float(np.median([np.linalg.norm(np.ptp(place, axis=0)) for place in places]))
+    speeds = np.concatenate([_speed(place, *_around(len(place), window)) for place in places])
+    return Size(extent, float(np.sqrt(np.square(speeds).mean())))
+
+
+def moving(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
+    """Return whether each landmark, of places `[T, M, 3]`, moves, bool `[T, M]`.
+
+    It does if it moves in both halves of a window: one that is reported late has not moved.
+    """
+    before, after = _around(len(places), max(1, round(_WINDOW * fps)))
+    middle = (before + after) // 2
+    slower = np.minimum(_speed(places, before, middle), _speed(places, middle, after))
+    return slower > _MOVES * size.speed
+
+
+def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
+    """Return the landmark that the moved point is on its way to, `[T]`, −1 for none.
+
+    Args:
+        places: of the moved point and M landmarks, `[T, 1 + M, 3]`.
+        size: of the scene.
+        fps: frames per second [1/s].
+    """
+    distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
+    moves = moving(places[:, 1:], size, fps)
+    together = max(1, round(_TOGETHER * fps))
+    frames, landmarks = distances.shape
+    attained = np.full(frames, -1)
+    for frame in range(frames):
+        best = (frames, np.inf)
+        for number in range(landmarks):
+            if not moves[frame, number]:
+                first, least = _attained(distances[:, number], moves[:, number], frame, size)
+                if (first // together, least) < best:
+                    best, attained[frame] = (first // together, least), number
+    return _without_short(attained, max(1, round(_SHORTEST * fps)))
+
+
+def _attained(
+    distances: Array, moves: NDArray[np.bool_], frame: int, size: Size
+) -> tuple[int, float]:
+    """Return when a landmark is attained after a frame, and the least distance until it moves."""
+    moved = np.flatnonzero(moves[frame:])
+    until = int(moved[0]) if len(moved) else len(distances) - frame
+    ahead = distances[frame : frame + until]
+    least, farthest = float(ahead.min()), distances[: frame + 1].max()
+    near = min(_NEAR * size.extent, max(_SHARE * farthest, _CLOSE * size.extent))
+    first = int(np.flatnonzero(ahead <= near)[0]) if least <= near else len(distances)
+    if len(moved) and least < _REACH * size.extent:
+        first = min(first, until)
+    return first, least
+
+
+def _around(frames: int, window: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the frames before and after each one."""
+    number = np.arange(frames)
+    return np.maximum(number - window, 0), np.minimum(number + window, frames - 1)
+
+
+def _speed(places: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> Array:
+    """Return the mean speed of `[T, ..., 3]` from one frame to another [1/frame]."""
+    frames = np.maximum(last - first, 1).reshape(-1, *[1] * (places.ndim - 2))
+    return np.linalg.norm(places[last] - places[first], axis=-1) / frames
+
+
+def runs(labels: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Return where each run of equal labels begins and ends."""
+    cuts = (np.flatnonzero(np.diff(labels)) + 1).tolist()
+    return list(zip([0, *cuts], [*cuts, len(labels)], strict=True))
+
+
+def _without_short(labels: NDArray[np.int64], shortest: int) -> NDArray[np.int64]:
+    """Return labels whose short runs, the shortest first, have the label before them."""
+    labels = labels.copy()
+    while True:
+        every = runs(labels)
+        length, first, end = min((end - first, first, end) for first, end in every)
+        if length >= shortest or len(every) == 1:
+            return labels
+        labels[first:end] = labels[first - 1] if first else labels[end]

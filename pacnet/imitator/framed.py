@@ -1,0 +1,114 @@
+"""What an imitator keeps in frames of reference: cuts, a forward model, and what follows."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import nn
+
+from pacnet.attention.cutting import cut
+from pacnet.competition.framed_following import FramedFollower
+from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.forward_models.affine import AffineForwardModel
+from pacnet.forward_models.affine_arrays import AffineArrays
+from pacnet.imitator.framed_novelty import Bounds, bounds_of
+from pacnet.imitator.frames import fit_to_poses
+from pacnet.schemas.demonstration_memory import Shown
+from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.framing import Framed, framed, segments_of
+from pacnet.schemas.scene import Scene, poses_of, scene_of
+from pacnet.schemas.segments import SegmentMemory, Segments
+from pacnet.schemas.smoothing import smooth
+
+
+class FramedKnown(NamedTuple):
+    """What `Imitator.step` works on in frames of reference."""
+
+    segments: Segments
+    model: AffineArrays
+    bounds: Bounds
+    allowed: NDArray[np.bool_]
+    """Which segments are of the task that was asked for, `[S]`."""
+    follower: FramedFollower
+    first: NDArray[np.int64]
+    """The first row of each demonstration, and the end of the last one, `[E + 1]`."""
+
+    def bounds_of_demonstration(self, number: int) -> tuple[int, int]:
+        """Return the first and the last row of a demonstration."""
+        return self.first[number].item(), self.first[number + 1].item() - 1
+
+
+class FramedSchemas(nn.Module):
+    """The part of an imitator that keeps targets in the frames of landmarks.
+
+    Args:
+        config: see `FramesConfig`.
+        fps: frames per second [1/s].
+    """
+
+    def __init__(self, config: FramesConfig, fps: float) -> None:
+        super().__init__()
+        self.config, self.fps = config, fps
+        self.segments = SegmentMemory(len(config.points.landmarks))
+        self.forward_model = AffineForwardModel(config.forward_model)
+        self._framed: list[Framed] = []  # derived from the demonstrations
+
+    def fit(self, demonstrations: Demonstrations) -> None:
+        """Fit the forward model to continuous demonstrations."""
+        scenes = [self._smoothed(one.percepts.numpy()) for one in demonstrations]
+        poses = [poses_of(scene, self.config.points.moved) for scene in scenes]
+        fit_to_poses(self.forward_model, poses, demonstrations)
+
+    def cut(self, number: int, percepts: NDArray[np.float32]) -> None:
+        """Keep where demonstration `number`, of percepts `[T, D]` in their own units, is cut."""
+        places = self._smoothed(percepts).places
+        self.segments.append(number, cut(places, self.config.size, self.fps))
+
+    def _smoothed(self, percepts: NDArray[np.float32]) -> Scene:
+        seen = scene_of(percepts, self.config.points)
+        return Scene(smooth(seen.places, self.config.smoothing), seen.turns)
+
+    def known(
+        self,
+        shown: Shown,
+        unit: NDArray[np.float64],
+        allowed: NDArray[np.bool_],
+        follower: FramedFollower,
+    ) -> FramedKnown | None:
+        """Return what a recall episode works on; None before anything was learned.
+
+        Args:
+            shown: the demonstrations, whole.
+            unit: of each scaled dimension, `[D]`.
+            allowed: which demonstrations may be followed, bool `[E]`.
+            follower: of the episode.
+
+        Raises:
+            ValueError: cuts that are not of these demonstrations.
+        """
+        for part in (self.segments, self.forward_model):
+            part.check_state(part.state_dict())
+        self.segments.check_cuts(shown.frames)
+        if len(shown.frames) == 0:
+            return None
+        for number in range(len(self._framed), len(shown.frames)):
+            rows = slice(shown.first[number], shown.first[number + 1])
+            percepts = shown.percepts[rows] * unit
+            self._framed.append(framed(percepts, shown.targets[rows], self.config, self.fps))
+        cuts = self.segments.columns()
+        segments = segments_of(self._framed, cuts, shown, self.config.size.extent)
+        follower.make_room(segments)
+        return FramedKnown(
+            segments,
+            self.forward_model.arrays(),
+            bounds_of(segments),
+            allowed[segments.demonstration],
+            follower,
+            shown.first,
+        )
+
+    def forget_derived(self) -> None:
+        """Derive all anew from the demonstrations, which have changed."""
+        self._framed = []

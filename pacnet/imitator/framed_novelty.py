@@ -1,0 +1,75 @@
+"""Novelty in frames of reference: what is out of all proportion to what was shown.
+
+One demonstration is enough wherever the landmarks are, so their places are not novel. A landmark so
+far from the moved point that nothing like it was shown is, and so is anything else that is outside
+of the range shown.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacnet.imitator.novelty import NoveltyScore
+from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.segments import Segments
+
+Array = NDArray[np.float64]
+
+_FAR = 3.0  # times the largest distance of two points in what was shown
+_BEYOND = 0.5  # of its range: how far outside of what was shown something else may be
+
+
+class Bounds(NamedTuple):
+    """What is known, in the percept's units and in shares of ranges."""
+
+    farthest: float
+    """Distance of a landmark from the moved point above which it is novel."""
+    low: Array
+    """Of what is no point, in shares of its range, `[Q]`."""
+    high: Array
+    """`[Q]`."""
+
+
+def bounds_of(segments: Segments) -> Bounds:
+    """Return the bounds of what was shown."""
+    places = segments.places
+    apart = np.linalg.norm(places[:, None] - places[:, :, None], axis=3).max()
+    low, high = segments.others.min(axis=0), segments.others.max(axis=0)
+    return Bounds(_FAR * float(apart), low - _BEYOND, high + _BEYOND)
+
+
+def score(places: Array, others: Array, bounds: Bounds, config: FramesConfig) -> NoveltyScore:
+    """Score one percept.
+
+    Args:
+        places: of all points, `[P, 3]`.
+        others: of what is no point, in shares of its range, `[Q]`.
+        bounds: of what was shown.
+        config: of the frames.
+
+    Returns:
+        Deviation and threshold in the percept's own units: of a landmark that is too far away, in
+        the dimension where it is farthest.
+    """
+    apart = places[1:] - places[0]
+    distances = np.sqrt((apart * apart).sum(axis=1))
+    far = int(distances.argmax())
+    novelty = float(distances[far]) / bounds.farthest if bounds.farthest > 0 else math.inf
+    axis = int(np.abs(apart[far]).argmax())
+    dimension = config.points.landmarks[far].place[axis]
+    best = NoveltyScore(novelty, dimension, float(apart[far, axis]), bounds.farthest)
+    if len(others) == 0:
+        return best
+    middle, half = (bounds.high + bounds.low) / 2, (bounds.high - bounds.low) / 2
+    away = others - middle
+    ratio = np.abs(away) / half
+    most = int(ratio.argmax())
+    if ratio[most] <= novelty:
+        return best
+    unit = config.ranges[most]
+    limit = float(half[most] * unit)
+    return NoveltyScore(float(ratio[most]), config.others[most], float(away[most] * unit), limit)

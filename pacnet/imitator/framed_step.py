@@ -1,0 +1,72 @@
+"""One step of an imitator in frames of reference."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacnet.imitator.framed import FramedKnown
+from pacnet.imitator.framed_novelty import score
+from pacnet.imitator.novelty import NOVEL
+from pacnet.imitator.records import Followed, ImitatorStep
+from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.scene import WORLD, scene_of
+from pacnet.schemas.segments import NO_SEGMENT
+
+WORLD_NAME = "world"
+
+
+def framed_step(
+    percept: NDArray[np.float32],
+    known: FramedKnown,
+    config: FramesConfig,
+    names: tuple[str, ...],
+    end_frames: float,
+) -> ImitatorStep:
+    """Return what to do at one percept `[D]`, in its own units, continuing from the last call.
+
+    Args:
+        percept: of finite numbers.
+        known: what is known, and the recall episode.
+        config: of the frames.
+        names: of the percept's dimensions.
+        end_frames: frames before the last one of a demonstration from which it is done.
+    """
+    from pacnet.competition.framed_kernels import follow  # imports numba
+
+    scene = scene_of(percept[None], config.points)
+    others = percept[list(config.others)].astype(np.float64) / config.ranges
+    segments, state = known.segments, known.follower.state
+    wanted = np.empty(segments.action.shape[1])
+    places = scene.places[0]
+    follow(
+        places, scene.turns[0], others, segments, known.allowed, state,
+        known.follower.settings, known.model, wanted,
+    )  # fmt: skip
+    found = score(places, others, known.bounds, config)
+    is_novel = not found.novelty <= NOVEL
+    segment, row = state.segment.item(), state.row.item()
+    target, followed, progress, done, landmark = None, (), 0.0, False, None
+    if segment != NO_SEGMENT:
+        number = segments.demonstration[segment].item()
+        first, last = known.bounds_of_demonstration(number)
+        target = wanted.astype(np.float32)
+        followed = (Followed(number, row - first, 1.0),)
+        progress = (row - first) / max(1, last - first)
+        done = row >= last - end_frames
+        mark = segments.landmark[segment].item()
+        landmark = WORLD_NAME if mark == WORLD else config.points.landmarks[mark].name
+    return ImitatorStep(
+        None if is_novel else target,
+        is_novel,
+        found.novelty,
+        names[found.dimension],
+        found.deviation,
+        found.threshold,
+        progress,
+        done,
+        followed,
+        target,
+        landmark,
+        None if segment == NO_SEGMENT else segments.order[segment].item(),
+    )

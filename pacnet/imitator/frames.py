@@ -1,0 +1,117 @@
+"""Chooses settings of frames of reference from demonstrations."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pacnet.attention.cutting import measure
+from pacnet.datasets.demonstrations import Demonstrations, dimension_names
+from pacnet.datasets.format import DatasetWarning
+from pacnet.forward_models.affine import AffineForwardModel
+from pacnet.forward_models.config import AffineForwardModelConfig
+from pacnet.forward_models.correction import find_position_targets
+from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.points import Points
+from pacnet.schemas.scene import Scene, pose_dimensions, poses_of, scene_of
+from pacnet.schemas.smoothing import choose_smoothing, smooth
+
+Array = NDArray[np.float64]
+
+MIN_EXPLAINED = 0.2  # share of the moved point's change that its actions must explain
+_LEAD = 0.0625  # [s] over which an action shows its effect
+_LEAST_RANGE = 2.0  # least range of what is no point, in deviations of the percepts' scale
+
+
+def choose_frames(
+    points: Points, demonstrations: Demonstrations, scale: Sequence[float], given: bool
+) -> FramesConfig | None:
+    """Return settings for these points; None where actions do not move the first of them.
+
+    Args:
+        points: which dimensions of a percept are points.
+        demonstrations: continuous ones.
+        scale: factor on each dimension of a percept, `[D]`.
+        given: whether the points were asked for; then it is an error that they can't be used.
+
+    Raises:
+        ValueError: points that are given and can't be used.
+    """
+    seen = [scene_of(one.percepts.numpy(), points) for one in demonstrations]
+    smoothing = choose_smoothing([scene.places for scene in seen])
+    scenes = [Scene(smooth(scene.places, smoothing), scene.turns) for scene in seen]
+    poses = [poses_of(scene, points.moved) for scene in scenes]
+    model = forward_model_for(points, poses, demonstrations)
+    try:
+        explained = fit_to_poses(model, poses, demonstrations)
+    except ValueError as error:
+        return _refuse(str(error), given)
+    share = float(explained[: points.dimensions].mean())
+    if share < MIN_EXPLAINED:
+        name = points.moved.name
+        return _refuse(
+            f"expected actions that move {name!r}, got some that explain {share:.0%} of how it "
+            "moves: name the point first that the robot's actions move",
+            given,
+        )
+    percepts = torch.cat([one.percepts for one in demonstrations]).double()
+    others = tuple(sorted({*range(percepts.shape[1])} - {*points.used}))
+    ranges = (percepts.amax(dim=0) - percepts.amin(dim=0)).tolist()
+    return FramesConfig(
+        points,
+        measure([scene.places[:, 0] for scene in scenes], demonstrations.fps),
+        smoothing,
+        others,
+        tuple(max(ranges[number], _LEAST_RANGE / scale[number]) for number in others),
+        model.config,
+    )
+
+
+def _refuse(reason: str, given: bool) -> None:
+    """Raise if points were asked for; else warn that those found by their names are not used."""
+    if given:
+        raise ValueError(reason)
+    warnings.warn(f"points are not used: {reason}", DatasetWarning, stacklevel=2)
+
+
+def forward_model_for(
+    points: Points, poses: Sequence[Array], demonstrations: Demonstrations
+) -> AffineForwardModel:
+    """Return a forward model of the moved point's pose that has learned nothing."""
+    names, fps = dimension_names(demonstrations.percept_features), demonstrations.fps
+    moved = points.moved.place
+    states = [torch.from_numpy(pose).float() for pose in poses]
+    actions = [one.action for one in demonstrations]
+    of_moved = [names[number] for number in moved]
+    of_moved += [f"{points.moved.name} turn {i}" for i in range(states[0].shape[1] - len(moved))]
+    follows, _ = find_position_targets(states, actions, of_moved, demonstrations.action_names, fps)
+    lead = max(1, round(_LEAD * fps))
+    config = AffineForwardModelConfig(
+        len(pose_dimensions(points.moved)), len(demonstrations.action_names), lead, follows
+    )
+    return AffineForwardModel(config)
+
+
+def fit_to_poses(
+    model: AffineForwardModel, poses: Sequence[Array], demonstrations: Demonstrations
+) -> NDArray[np.float32]:
+    """Fit the model to demonstrations that are long enough; return what it explains, `[I]`.
+
+    Raises:
+        ValueError: none is long enough.
+    """
+    rows = [
+        (torch.from_numpy(pose).float(), one.action)
+        for pose, one in zip(poses, demonstrations, strict=True)
+        if len(pose) > 5 * model.config.lead
+    ]
+    if not rows:
+        raise ValueError(
+            f"expected a demonstration of more than {5 * model.config.lead} frames to see what "
+            "actions do"
+        )
+    return model.fit([pose for pose, _ in rows], [action for _, action in rows]).numpy()

@@ -1,0 +1,72 @@
+"""Settings of frames of reference, chosen from demonstrations: no unit or rate is presumed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pacnet.attention.cutting import Size
+from pacnet.core.validation import check_fields, is_integer, is_number
+from pacnet.forward_models.config import AffineForwardModelConfig
+from pacnet.schemas.points import Points
+from pacnet.schemas.scene import pose_dimensions
+
+
+@dataclass(frozen=True)
+class FramesConfig:
+    """How targets are kept in frames of reference.
+
+    Attributes:
+        points: which dimensions of a percept are points.
+        size: how large the scene is, and how fast what the robot moves.
+        smoothing: alpha and beta of each point; see `pacnet.schemas.smoothing`.
+        others: the dimensions of a percept that are no points.
+        ranges: the range of each of these in what was shown, > 0.
+        forward_model: settings of the model that finds actions which move a pose.
+    """
+
+    points: Points
+    size: Size
+    smoothing: tuple[tuple[float, float], ...]
+    others: tuple[int, ...]
+    ranges: tuple[float, ...]
+    forward_model: AffineForwardModelConfig
+
+    def __post_init__(self) -> None:
+        """Turn the lists that JSON reads into tuples, and check the fields."""
+        object.__setattr__(self, "size", Size(*self.size))
+        object.__setattr__(self, "smoothing", tuple(map(tuple, self.smoothing)))
+        for name in ("others", "ranges"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        count, pose = len(self.points.names), len(pose_dimensions(self.points.moved))
+        gains = [gain for pair in self.smoothing for gain in pair]
+        pairs = len(gains) == 2 * len(self.smoothing) == 2 * count
+        of_others = all(is_integer(one, 0) for one in self.others)
+        apart = of_others and not {*self.others} & {*self.points.used}
+        ranges = all(is_number(one) and one > 0 for one in self.ranges)
+        states = self.forward_model.state_dimensions
+        checks = {
+            "size": (all(is_number(one) and one > 0 for one in self.size), "above 0"),
+            "smoothing": (
+                pairs and all(is_number(gain) and 0 <= gain <= 1 for gain in gains),
+                f"as {count} pairs from 0 to 1",
+            ),
+            "others": (apart, "as dimensions that are no points"),
+            "ranges": (ranges and len(self.ranges) == len(self.others), "above 0, of the others"),
+            "forward_model": (states == pose, f"of the {pose} dimensions of the moved point"),
+        }
+        check_fields(self, checks)
+
+    @classmethod
+    def from_dict(cls, fields: dict[str, Any]) -> FramesConfig:
+        """Return the settings that `dataclasses.asdict` turned into these fields, after JSON.
+
+        Raises:
+            ValueError: a field is missing, unknown or out of range.
+        """
+        try:
+            points = Points.from_dict(fields["points"])
+            model = AffineForwardModelConfig(**fields["forward_model"])
+            return cls(**{**fields, "points": points, "forward_model": model})
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"expected the fields of FramesConfig, got {error!r}") from error

@@ -1,0 +1,127 @@
+"""Motor schemas in frames of reference: each demonstration's segments, a landmark each.
+
+A segment is a sequence of targets on the way to one landmark. Its targets are places relative to
+that landmark, and turned with it, so that what was shown at an object is known wherever it stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from pacnet.core.drafts import BufferVersions
+from pacnet.core.growable_rows import Column, GrowableRows
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure, within
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+NO_SEGMENT = -1
+
+
+class Segments(NamedTuple):
+    """All segments, for kernels. R frames, S segments, P points, M = P − 1 landmarks, U actions.
+
+    Rows are those of the demonstrations, one after the other.
+    """
+
+    first: Numbers
+    """The first row of each segment, `[S]`."""
+    end: Numbers
+    """The row after its last one, `[S]`."""
+    landmark: Numbers
+    """Number of its landmark, −1 for none, the world, `[S]`."""
+    demonstration: Numbers
+    """Number of its demonstration, `[S]`."""
+    order: Numbers
+    """Its number in the demonstration, `[S]`."""
+    after: Numbers
+    """The next segment of the demonstration, `NO_SEGMENT` after the last one, `[S]`."""
+    usual: NDArray[np.bool_]
+    """Whether its demonstration goes to the landmarks that most of its task go to, `[S]`."""
+    layout: Array
+    """How the scene looks at its beginning, `[S, F]`; see `pacnet.schemas.layout_kernels`."""
+    places: Array
+    """Of all points, smoothed, `[R, P, 3]`."""
+    turns: Array
+    """Of all points, `[R, P, 4]`."""
+    place: Array
+    """Of the moved point, seen from the landmark, `[R, 3]`."""
+    turn: Array
+    """Of the moved point, relative to the landmark's, `[R, 4]`."""
+    velocity: Array
+    """Change of its pose from the last frame, in the landmark's axes, `[R, 6]`."""
+    axes: Array
+    """How the landmark is turned, `[R, 4]`."""
+    share: Array
+    """Share of the segment's path that is over, `[R]`."""
+    action: Array
+    """Smoothed; relative to the place where an action is a place, `[R, U]`."""
+    others: Array
+    """What is perceived beside points, in shares of its range, `[R, Q]`."""
+    carried: NDArray[np.bool_]
+    """Whether each landmark moves, `[R, M]`."""
+
+
+class SegmentMemory(nn.Module):
+    """A store of where demonstrations are cut, which grows in amortised constant time.
+
+    Args:
+        landmarks: number M of landmarks.
+    """
+
+    def __init__(self, landmarks: int) -> None:
+        super().__init__()
+        self.landmarks = landmarks
+        column = Column((), torch.int64)
+        self.rows = GrowableRows({"demonstration": column, "frames": column, "landmark": column})
+        check_on_load(self)
+
+    def append(self, demonstration: int, landmarks: Numbers) -> None:
+        """Keep the cut of one demonstration, the landmark of each of its frames `[T]`."""
+        cuts = np.flatnonzero(np.diff(landmarks)) + 1
+        first = np.r_[0, cuts]
+        frames = np.diff(np.r_[first, len(landmarks)])
+        begin, arrays = len(self.rows), self.rows.arrays(len(first))
+        end = begin + len(first)
+        arrays["demonstration"][begin:end] = demonstration
+        arrays["frames"][begin:end] = frames
+        arrays["landmark"][begin:end] = landmarks[first]
+        self.rows.set_length(end)
+
+    def columns(self) -> dict[str, Numbers]:
+        """Return a copy of demonstration, frames and landmark of each segment, `[S]` each."""
+        return {name: self.rows.live(name).numpy().copy() for name in self.rows.columns}
+
+    def versions(self) -> BufferVersions:
+        """Return a record of the state, to detect later that it was changed."""
+        return BufferVersions(self)
+
+    def check_cuts(self, frames: Numbers) -> None:
+        """Raise a ValueError unless each of the demonstrations, of `[E]` frames, is cut whole."""
+        columns = self.columns()
+        cut = np.zeros(len(frames), np.int64)
+        known = (columns["demonstration"] < len(frames)).all()
+        if known:
+            np.add.at(cut, columns["demonstration"], columns["frames"])
+        check_conditions(
+            {"segments of whole demonstrations": bool(known and (cut == frames).all())}
+        )
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+        check_structure(self, tensors)
+        demonstration, frames = tensors["rows.demonstration"], tensors["rows.frames"]
+        check_conditions(
+            {
+                "demonstrations in order": bool(
+                    (demonstration >= 0).all() and (demonstration.diff() >= 0).all()
+                ),
+                "segments of frames": (frames > 0).all(),
+                "landmarks there are": within(tensors["rows.landmark"] + 1, self.landmarks + 1),
+            }
+        )

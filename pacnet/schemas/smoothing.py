@@ -1,0 +1,78 @@
+"""Smoothing of places by as much as they are noisy: an alpha-beta filter, and its twin for records.
+
+A place goes on at its last speed; what is seen instead corrects place and speed. How much depends
+on the noise against how much speed changes from frame to frame (the tracking index of Kalata, 1984:
+the steady state of a Kalman filter). Without noise, the place is the one that is seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_THIRD = 0.6745 * 20**0.5  # median size of third differences of white noise of deviation 1
+_SPANS = (5, 10, 20)  # frames over which a change of speed is looked for
+_CERTAIN = 1.5  # times as much as noise alone would give
+_CLEAR = 0.9  # alpha from which nothing is smoothed
+
+
+def choose_smoothing(places: Sequence[Array]) -> tuple[tuple[float, float], ...]:
+    """Return alpha and beta for each of P points.
+
+    Args:
+        places: of each demonstration, `[T, P, 3]`.
+    """
+    count = places[0].shape[1]
+    return tuple(_gains([episode[:, number] for episode in places]) for number in range(count))
+
+
+def _gains(places: Sequence[Array]) -> tuple[float, float]:
+    """Return alpha and beta of a point from its places in each demonstration, `[T, 3]`."""
+    thirds = np.concatenate([np.diff(episode, n=3, axis=0) for episode in places])
+    if len(thirds) == 0:
+        return 1.0, 1.0
+    noise = max(float(np.median(np.abs(thirds), axis=0).max()) / _THIRD, 1e-300)
+    change = max((_change_of_speed(places, noise, span) for span in _SPANS), default=0.0)
+    index = change / noise
+    root = (4 + index - np.sqrt(8 * index + index**2)) / 4 if index < 1e6 else 0.0
+    alpha = float(1 - root**2)
+    beta = float(2 * (2 - alpha) - 4 * root)
+    return alpha, min(1.0, max(0.0, beta))
+
+
+def _change_of_speed(places: Sequence[Array], noise: float, span: int) -> float:
+    """Return the change of speed from frame to frame that is beyond doubt, in any dimension."""
+    changes = [
+        episode[2 * span :] - 2 * episode[span:-span] + episode[: -2 * span]
+        for episode in places
+        if len(episode) > 2 * span
+    ]
+    if not changes:
+        return 0.0
+    squared = np.square(np.concatenate(changes)).mean(axis=0).max()
+    return float(np.sqrt(max(0.0, squared - _CERTAIN * 6 * noise**2))) / span**2
+
+
+def smooth(places: Array, gains: Sequence[tuple[float, float]]) -> Array:
+    """Return places `[T, P, 3]` of a whole demonstration, filtered forwards and backwards."""
+    table = np.array(gains)
+    if (table[:, 0] >= _CLEAR).all():
+        return places
+    both = (_filter(places, table) + _filter(places[::-1], table)[::-1]) / 2
+    return np.where((table[:, 0] >= _CLEAR)[:, None], places, both)
+
+
+def _filter(places: Array, gains: Array) -> Array:
+    """Return places `[T, P, 3]`, filtered in order of time."""
+    out, place, speed = np.empty_like(places), places[0].copy(), np.zeros_like(places[0])
+    for frame, seen in enumerate(places):
+        expected = place + speed
+        apart = seen - expected
+        place = expected + np.maximum(gains[:, :1], 1 / (frame + 1)) * apart
+        speed = speed + gains[:, 1:] * apart if frame else speed
+        out[frame] = place
+    return out
