@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from pacnet.forward_models.affine import AffineForwardModel
+from pacnet.forward_models.affine_rows import rows_of
 from pacnet.forward_models.config import AffineForwardModelConfig
 from pacnet.forward_models.protocol import OneStateForwardModel
 
@@ -139,6 +140,45 @@ def test_places_are_gone_to():
     )  # no further than was shown
 
 
+def test_a_place_that_was_hardly_commanded_gets_the_gain_of_the_others():
+    """One of two commanded joints stands still but for noise; a third is not commanded."""
+    sent = smooth(80, 2, seed=4)
+    sent[:, 1] = 0.3
+    place, states = torch.tensor([0.0, 0.3]), []
+    for action in sent:
+        states.append(place)
+        place = place + 0.1 * (action - place)
+    state = torch.stack(states)
+    third = 0.2 * smooth(80, 1, seed=5)
+    shown = torch.cat([state[:, :1], third, state[:, 1:]], dim=1)
+    model = model_of([shown], [sent], follows=(0, 2))
+    assert float(model.gain[0, 0]) == pytest.approx(0.1, rel=0.1)
+    assert float(model.gain[2, 1]) == pytest.approx(0.1, rel=0.3)
+
+
+def test_noise_in_a_change_moves_the_action_by_as_much_as_is_likely():
+    actions = smooth(400, 1, seed=6)
+    noise = 0.01 * torch.randn(400, 1, generator=torch.Generator().manual_seed(0))
+    states = moved(actions, torch.tensor([[STEP]])) + noise
+    model = model_of([states], [actions])
+    gain, unexplained = model.gain.item(), model.residual_variance.item()
+    # The posterior mean of u, with the mean square of u before it, and change = gain u + noise.
+    before = float(actions[1:-1].square().mean())
+    assert model.inverse.item() == pytest.approx(
+        gain * before / (gain**2 * before + unexplained), rel=1e-3
+    )
+    assert model.inverse.item() < 0.9 / gain
+
+
+def test_moments_with_frames_of_two_blocks_are_not_compared():
+    state, action = torch.arange(15.0)[:, None].numpy(), np.ones((15, 1))
+    rows = rows_of([state, state[:3]], [action, action[:3]], (-1,), lead=2)
+    # 12 moments in 3 blocks, as each has at least twice the lead; three frames have none.
+    assert rows.part.tolist() == [0, 0, 0, -1, 1, 1, 1, -1, 2, 2, 2, 2]
+    assert (rows.changes == 2).all()
+    assert (rows.inputs == 1).all()
+
+
 def test_actions_that_move_nothing_are_the_mean_of_those_shown():
     states, actions = hand()
     model = model_of([states], [actions])
@@ -165,8 +205,10 @@ def test_a_model_that_nothing_moves_gives_no_action():
 
 
 def test_one_state_gets_the_action_of_a_batch():
-    states, actions = hand()
+    _, actions = hand()
+    states = moved(actions[:, :2], STEP * TURN, lag=0.8)
     model = model_of([states], [actions], lead=5)
+    assert float(model.lag.diag().min()) > 0.5
     assert isinstance(model, OneStateForwardModel)
     rows = model.command(states[10:11], states[15:16]), model.command(states[11:12], states[16:17])
     model.reset()
