@@ -21,9 +21,9 @@ from pacnet.core.growable_rows import copy_on_state_dict
 from pacnet.core.integrity import check_conditions, check_structure
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.validation import check_row, check_rows, check_same_length
-from pacnet.forward_models.affine_arrays import AffineArrays, arrays_of
+from pacnet.forward_models.affine_arrays import AffineArrays, action_for, arrays_of
 from pacnet.forward_models.affine_fit import Law, fit_law
-from pacnet.forward_models.affine_rows import mean_ahead, placed
+from pacnet.forward_models.affine_rows import mean_ahead
 from pacnet.forward_models.config import AffineForwardModelConfig
 from pacnet.forward_models.protocol import Command
 from pacnet.forward_models.saved_model import SavedModel
@@ -215,11 +215,7 @@ class AffineForwardModel(SavedModel):
             return None
         last = self.last.double().numpy(force=True)
         velocity = now - last[0] if len(last) else np.zeros(columns)
-        action = arrays.inverse @ (end - now - arrays.lag @ velocity - arrays.drift)
-        action += placed(now[None], arrays.follows)[0]
-        action = np.where(
-            arrays.moves, action.clip(arrays.lowest, arrays.highest), arrays.mean_action
-        )
+        action = action_for(arrays, now, velocity, end)
         self.last = torch.from_numpy(now)[None].to(self.gain)
         return action.astype(np.float32)
 
@@ -237,7 +233,8 @@ class AffineForwardModel(SavedModel):
         return cached[1]
 
     def _places(self, states: Tensor) -> Tensor:
-        return torch.from_numpy(placed(_array(states), self.config.follows)).to(states)
+        place = torch.tensor(self.config.follows, device=states.device)
+        return states[:, place.clamp(min=0)].where(place >= 0, 0.0)
 
     def _check(self, **rows: Tensor) -> None:
         """Check states, velocities and targets `[B, S]` and actions `[B, U]`, equally many."""

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.forward_models.affine_rows import placed
+
 if TYPE_CHECKING:
     from pacnet.forward_models.affine import AffineForwardModel
 
@@ -42,3 +44,22 @@ def arrays_of(model: AffineForwardModel) -> AffineArrays:
     moves = model.moves.numpy(force=True).copy()
     follows = np.array(model.config.follows, np.int64)
     return AffineArrays(**learned, follows=follows, moves=moves, lead=model.config.lead)
+
+
+def action_for(
+    arrays: AffineArrays,
+    state: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    target: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the action `[U]` that leads from a state `[S]` to a target `[S]`.
+
+    Args:
+        arrays: of the model.
+        state: present one.
+        velocity: its change since the last frame, `[S]`.
+        target: to be reached in `arrays.lead` frames.
+    """
+    action = arrays.inverse @ (target - state - arrays.lag @ velocity - arrays.drift)
+    action += placed(state[None], arrays.follows)[0]
+    return np.where(arrays.moves, action.clip(arrays.lowest, arrays.highest), arrays.mean_action)

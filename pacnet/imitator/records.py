@@ -73,7 +73,8 @@ class ImitatorStep(NamedTuple):
     followed: tuple[Followed, ...]
     """The demonstrations that decide; none before anything was learned."""
     target: NDArray[np.float32] | None
-    """What is aimed at, `[A]`: the action itself, or a state; None with nothing to follow."""
+    """What is aimed at, `[A]`: the action itself, or a state and the actions that do not move it;
+    None with nothing to follow."""
     landmark: str | None = None
     """In whose frame of reference that is; None without frames."""
     segment: int | None = None
