@@ -1,4 +1,4 @@
-"""Attention cuts a demonstration: at every frame, the landmark that the moved point is on its way to.
+"""Attention cuts a demonstration where the landmark that the moved point is on its way to changes.
 
 Of the landmarks at rest it is the one that is attained first. A landmark is attained when the moved
 point comes near, or when it is set in motion, or, where neither happens, at the least distance. A

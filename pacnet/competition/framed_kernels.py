@@ -339,7 +339,7 @@ def _turned_action(shown, now, then, settings, model, state):
 
 @njit
 def _correct(pose, model, state, action):
-    """Write the action that also makes good what the pose is off, within the range of those shown."""
+    """Write the action that also makes good what the pose is off, as far as actions were shown."""
     for j in range(len(action)):
         value = state.relative[j]
         for i in range(len(pose)):

@@ -14,12 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.forward_models.affine_alike import fit_alike
 from pacnet.forward_models.affine_rows import Array, Rows, rows_of
 
 _RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # in shares of each input's variance
 _WORSE = 0.02  # log of a held-out error's ratio, summed over the state; less is no difference
 _TIE = 0.1  # mean log of the errors' ratio up to which the larger ridge is taken
 _EFFECT_RIDGE = 0.1
+_SIMPLER = 0.4  # mean log of the errors' ratio up to which the simpler law is taken
 _SMALL, _TINY = 0.8, 0.2  # in shares of the median effect of all actions
 _LEAST_ERROR = 1e-6  # in shares of the mean square of a dimension's change
 
@@ -86,12 +88,50 @@ def fit_law(
     kept, ridge = _choose(regression, place)
     coefficients, drift = regression.solve(regression.everything, kept, ridge)
     error = regression.held_out_error(kept, ridge)
+    first = np.arange(len(place)) < len(error)  # a hand's place before its gripper, as is usual
+    for actions in (first, kept):
+        if _are_alike(actions, place, len(error)):
+            simple = _held_out_alike(rows, actions)
+            if _log_ratio(simple, error, rows) < _SIMPLER * len(error):
+                coefficients, drift = _alike(rows, actions, slice(None)), np.zeros(len(error))
+                kept, error = actions, simple
+                break
     square = np.square(rows.changes[rows.part >= 0]).mean(axis=0)
     explained = np.where(square > 0, 1 - error / np.where(square > 0, square, 1), 0.0)
     gain, lag = coefficients[: len(place)].T, coefficients[len(place) :].T
     spread = np.sqrt(np.square(rows.inputs[:, : len(place)]).mean(axis=0))
     weight = np.where(square > 0, 1 / np.maximum(error, _LEAST_ERROR * square + 1e-300), 0.0)
     return Law(gain, lag, drift, _invert(gain, weight, spread, kept), kept, error, explained)
+
+
+def _are_alike(kept: NDArray[np.bool_], place: NDArray[np.int64], states: int) -> bool:
+    """Return whether these actions may move a point in a plane or in space."""
+    return states in (2, 3) and int(kept.sum()) == states and not (place[kept] >= 0).any()
+
+
+def _alike(rows: Rows, kept: NDArray[np.bool_], chosen: NDArray[np.bool_] | slice) -> Array:
+    """Return the coefficients `[U + S, S]` of a point that moves alike in all directions."""
+    inputs, count = rows.inputs[chosen], len(kept)
+    found = fit_alike(inputs[:, :count][:, kept], inputs[:, count:], rows.changes[chosen])
+    coefficients = np.zeros((rows.inputs.shape[1], rows.changes.shape[1]))
+    coefficients[np.append(kept, np.ones(rows.changes.shape[1], bool))] = found
+    return coefficients
+
+
+def _held_out_alike(rows: Rows, kept: NDArray[np.bool_]) -> Array:
+    """Return the mean squared error of each dimension, each part held out in turn, `[S]`."""
+    squares = np.zeros(rows.changes.shape[1])
+    for part in range(int(rows.part.max()) + 1):
+        chosen = rows.part == part
+        coefficients = _alike(rows, kept, (rows.part >= 0) & ~chosen)
+        squares += np.square(rows.changes[chosen] - rows.inputs[chosen] @ coefficients).sum(axis=0)
+    return squares / (rows.part >= 0).sum()
+
+
+def _log_ratio(error: Array, other: Array, rows: Rows) -> float:
+    """Return by how much larger an error is, as a sum of logs over the state."""
+    floor = _LEAST_ERROR * np.square(rows.changes).mean(axis=0) + 1e-300
+    return float(np.log(np.maximum(error, floor) / np.maximum(other, floor)).sum())
 
 
 def least_frames(lead: int) -> int:

@@ -100,7 +100,7 @@ class ImitatorConfig:
             "follows": (fits and max(self.follows, default=-1) < most, wanted),
             "frames": (
                 self._fits(self.frames),
-                f"of {dimensions} dimensions and actions, all kept",
+                f"of {dimensions} dimensions, all kept",
             ),
         }
         check_fields(self, checks)

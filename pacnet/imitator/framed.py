@@ -23,6 +23,9 @@ from pacnet.schemas.segments import SegmentMemory, Segments
 from pacnet.schemas.smoothing import smooth
 
 
+_LEAST_GAIN = 0.1  # of the largest: what actions move less is not corrected
+
+
 class FramedKnown(NamedTuple):
     """What `Imitator.step` works on in frames of reference."""
 
@@ -102,7 +105,7 @@ class FramedSchemas(nn.Module):
         follower.make_room(segments)
         return FramedKnown(
             segments,
-            self.forward_model.arrays(),
+            _inverted(self.forward_model.arrays()),
             bounds_of(segments),
             allowed[segments.demonstration],
             follower,
@@ -112,3 +115,8 @@ class FramedSchemas(nn.Module):
     def forget_derived(self) -> None:
         """Derive all anew from the demonstrations, which have changed."""
         self._framed = []
+
+
+def _inverted(model: AffineArrays) -> AffineArrays:
+    """Return the model with the plain inverse of its gain, that makes good all of a deviation."""
+    return model._replace(inverse=np.linalg.pinv(model.gain, rcond=_LEAST_GAIN))

@@ -55,7 +55,7 @@ def from_vector(vector: Array) -> Array:
 
 
 def to_vector(turn: Array) -> Array:
-    """Return the rotation vectors `[..., 3]` [rad], up to half a turn, of quaternions `[..., 4]`."""
+    """Return the rotation vectors `[..., 3]` [rad], to half a turn, of quaternions `[..., 4]`."""
     turn = np.where(turn[..., :1] < 0, -turn, turn)
     sine = np.linalg.norm(turn[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, turn[..., :1])
