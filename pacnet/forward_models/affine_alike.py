@@ -40,7 +40,8 @@ def _fit(sent: Array, before: Array, changes: Array, axes: Array) -> tuple[Array
     inputs = np.stack([(sent @ axes).ravel(), before.ravel()], axis=1)
     wanted = changes.ravel()
     weight = np.ones(len(wanted))
-    found, error = np.zeros(2), 0.0
+    found: Array = np.zeros(2)
+    error = 0.0
     for _ in range(_ROUNDS):
         found = np.linalg.lstsq(inputs * weight[:, None], wanted * weight, rcond=None)[0]
         residual = np.abs(wanted - inputs @ found)

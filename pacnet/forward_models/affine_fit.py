@@ -89,12 +89,12 @@ def fit_law(
     coefficients, drift = regression.solve(regression.everything, kept, ridge)
     error = regression.held_out_error(kept, ridge)
     first = np.arange(len(place)) < len(error)  # a hand's place before its gripper, as is usual
-    for actions in (first, kept):
-        if _are_alike(actions, place, len(error)):
-            simple = _held_out_alike(rows, actions)
+    for movers in (first, kept):
+        if _are_alike(movers, place, len(error)):
+            simple = _held_out_alike(rows, movers)
             if _log_ratio(simple, error, rows) < _SIMPLER * len(error):
-                coefficients, drift = _alike(rows, actions, slice(None)), np.zeros(len(error))
-                kept, error = actions, simple
+                coefficients, drift = _alike(rows, movers, slice(None)), np.zeros(len(error))
+                kept, error = movers, simple
                 break
     square = np.square(rows.changes[rows.part >= 0]).mean(axis=0)
     explained = np.where(square > 0, 1 - error / np.where(square > 0, square, 1), 0.0)

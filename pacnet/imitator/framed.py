@@ -22,7 +22,6 @@ from pacnet.schemas.scene import Scene, poses_of, scene_of
 from pacnet.schemas.segments import SegmentMemory, Segments
 from pacnet.schemas.smoothing import smooth
 
-
 _LEAST_GAIN = 0.1  # of the largest: what actions move less is not corrected
 
 
