@@ -41,6 +41,8 @@ class FramedSettings(NamedTuple):
     """Which of a pose's six dimensions the forward model is of, `[I]`."""
     lag: int
     """`_LAG` in frames."""
+    trust: float
+    """Share of a deviation that is made good; less where places are noisy and smoothed, so late."""
 
 
 class FramedState(NamedTuple):
@@ -88,6 +90,7 @@ class FramedFollower:
             config.size.extent,
             np.array(pose_dimensions(config.points.moved)),
             max(1, round(_LAG * fps)),
+            config.smoothing[0][0],
         )
         features = 3 * points * (points - 1) // 2 + 6 * points + len(config.others)
         self.state = FramedState(

@@ -352,7 +352,7 @@ def _act(segments, settings, state, model, action):
         minus(_vector(state.turning), rotate(axes, (shown[3], shown[4], shown[5]))),
     )
     _turned_action(segments.action[row], axes, turn_of(segments.axes, row), settings, model, state)
-    _correct(settings.pose, model, state, action)
+    _correct(settings.pose, settings.trust, model, state, action)
 
 
 @njit
@@ -382,7 +382,7 @@ def _turned_action(shown, now, then, settings, model, state):
 
 
 @njit
-def _correct(pose, model, state, action):
+def _correct(pose, trust, model, state, action):
     """Write the action that also makes good what the pose is off, as far as actions were shown."""
     for j in range(len(action)):
         value = state.relative[j]
@@ -390,7 +390,7 @@ def _correct(pose, model, state, action):
             change = state.error[pose[i]]
             for k in range(len(pose)):
                 change -= model.lag[i, k] * state.velocity[pose[k]]
-            value += model.inverse[j, i] * change
+            value += trust * model.inverse[j, i] * change
         value = min(max(value, model.lowest[j]), model.highest[j])
         if model.follows[j] >= 0:
             at = pose[model.follows[j]]
