@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _MOVES = 0.2  # share of the moved point's usual speed from which a landmark moves
+_APART = 1.0  # share of its way by which a carried landmark's way may differ from the moved point's
 _WINDOW = 0.05  # [s] before and after a moment in which speed is measured
 _NEAR = 0.3  # share of the scene's size at which a landmark is near, at most
 _SHARE = 0.35  # of the farthest distance from a landmark that is left where it is near
@@ -42,15 +43,24 @@ def measure(places: list[Array], fps: float) -> Size:
     return Size(extent, float(np.sqrt(np.square(speeds).mean())))
 
 
-def moving(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
-    """Return whether each landmark, of places `[T, M, 3]`, moves, bool `[T, M]`.
+def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
+    """Return whether each landmark moves with the moved point, bool `[T, M]`.
 
-    It does if it moves in both halves of a window: one that is reported late has not moved.
+    It moves if it does in both halves of a window: one that is reported late has not moved. One
+    that falls into place while the moved point goes elsewhere is not carried.
+
+    Args:
+        places: of the moved point and M landmarks, `[T, 1 + M, 3]`.
+        size: of the scene.
+        fps: frames per second [1/s].
     """
     before, after = _around(len(places), max(1, round(_WINDOW * fps)))
     middle = (before + after) // 2
     slower = np.minimum(_speed(places, before, middle), _speed(places, middle, after))
-    return slower > _MOVES * size.speed
+    moves = slower[:, 1:] > _MOVES * size.speed
+    ways = places[after] - places[before]
+    apart = np.linalg.norm(ways[:, 1:] - ways[:, :1], axis=2)
+    return moves & (apart < _APART * np.linalg.norm(ways[:, 1:], axis=2))
 
 
 def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
@@ -62,7 +72,7 @@ def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
         fps: frames per second [1/s].
     """
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
-    moves = moving(places[:, 1:], size, fps)
+    moves = carried(places, size, fps)
     together = max(1, round(_TOGETHER * fps))
     frames, landmarks = distances.shape
     attained = np.full(frames, -1)

@@ -53,6 +53,7 @@ class FramedState(NamedTuple):
     turning: Array  # [3] [rad/frame], of the moved point
     segment: Numbers  # [1], or NO_SEGMENT
     row: Numbers  # [1]
+    begun: Array  # [1], share of the segment's path that was over when following began
     offset: Array  # [3], of the moved point at the segment's beginning, in the landmark's axes
     offset_turn: Array  # [3] [rad]
     errors: Array  # [H], how far off it was in the last frames; above 1 it waits
@@ -97,6 +98,7 @@ class FramedFollower:
             turning=np.zeros(3),
             segment=np.full(1, NO_SEGMENT),
             row=np.zeros(1, np.int64),
+            begun=np.zeros(1),
             offset=np.zeros(3),
             offset_turn=np.zeros(3),
             errors=np.zeros(max(1, round(_PATIENCE * fps))),

@@ -32,6 +32,8 @@ PROGRESS = 0.1  # of what they may be off: less than this nearer is no progress
 LEAST_SPREAD = 0.02  # of a layout's feature over demonstrations
 HELD = 0.4  # distance within which what moves is held
 LOST = 0.15  # by how much what is held is elsewhere when it is lost
+TOGETHER = 0.6  # share of their distance that is left of landmarks that are brought together
+UNDONE = 0.05  # by how much farther apart they are when that has failed
 ANY = -2  # in place of a landmark
 NO_SEGMENT = -1
 WORLD = -1
@@ -51,7 +53,7 @@ def follow(places, turns, others, segments, allowed, state, settings, model, act
         allowed: whether each segment may be followed, bool `[S]`.
         state: `FramedState`, which changes; without a segment afterwards if there is none.
         settings: `FramedSettings`.
-        model: `AffineArrays`.
+        model: `AffineArrays`, with the range of actions relative to places.
         action: where to write, `[U]`.
     """
     _look(places, turns, settings.smoothing, state)
@@ -124,7 +126,7 @@ def _choose(order, landmark, others, segments, allowed, extent, state):
             if apart < least:
                 best, least = s, apart
     if best != NO_SEGMENT:
-        _begin(best, segments, state)
+        _begin(best, segments.first[best], segments, state)
 
 
 @njit
@@ -142,9 +144,9 @@ def _measure_spread(layouts, state):
 
 
 @njit
-def _begin(segment, segments, state):
-    """Follow a segment from its beginning on, wherever the moved point is."""
-    row = segments.first[segment]
+def _begin(segment, row, segments, state):
+    """Follow a segment from a row on, wherever the moved point is."""
+    state.begun[0] = segments.share[row]
     state.segment[0], state.row[0], state.tries[0] = segment, row, 0
     place, turn = _here(segment, segments, state)
     apart = minus(place, vector_of(segments.place, row))
@@ -173,11 +175,11 @@ def _lost(segments, extent, state):
     for m in range(segments.carried.shape[1]):
         if m == mark or not segments.carried[row, m]:
             continue
-        hold = _between(segments.places[row], m + 1)
+        hold = _between(segments.places[row], 0, m + 1)
         hold = rotate(multiply(now, inverse(shown)), hold)
         if norm(hold) >= HELD * extent:
             continue
-        if norm(minus(_between(state.places, m + 1), hold)) > LOST * extent:
+        if norm(minus(_between(state.places, 0, m + 1), hold)) > LOST * extent:
             earlier = segment - 1
             for _ in range(segments.order[segment]):
                 if segments.landmark[earlier] == m:
@@ -187,9 +189,9 @@ def _lost(segments, extent, state):
 
 
 @njit
-def _between(places, point):
-    """Return the way from the moved point to another."""
-    return minus(vector_of(places, point), vector_of(places, 0))
+def _between(places, one, other):
+    """Return the way from one point to another."""
+    return minus(vector_of(places, other), vector_of(places, one))
 
 
 @njit
@@ -229,14 +231,55 @@ def _go_on(others, segments, allowed, settings, state):
         after = segments.after[segment]
         order, landmark = segments.order[after], segments.landmark[after]
         _choose(order, landmark, others, segments, allowed, settings.extent, state)
+    elif row + steps > last and row == last and _is_undone(segment, segments, settings, state):
+        _repeat(segment, others, segments, settings.extent, state)
     else:
         state.row[0] = min(row + steps, last)
+
+
+# What is not as it was shown at the end
+
+
+@njit
+def _is_undone(segment, segments, settings, state):
+    """Return whether two landmarks that were brought together in the demonstration are not now."""
+    last = segments.end[segment] - 1
+    first = segments.first[segment - segments.order[segment]]
+    for i in range(1, len(state.places)):
+        for j in range(1, i):
+            begin = norm(_between(segments.places[first], j, i))
+            end = norm(_between(segments.places[last], j, i))
+            if end <= TOGETHER * begin and (
+                norm(_between(state.places, j, i)) > end + UNDONE * settings.extent
+            ):
+                return True
+    return False
+
+
+@njit
+def _repeat(segment, others, segments, extent, state):
+    """Go on from the moment of the demonstration in which the scene was most like the present."""
+    layout, shown = state.layout, state.spread
+    layout_at(state.places, state.turns, others, extent, layout)
+    best, moment, least = segment, segments.end[segment] - 1, NOTHING
+    for s in range(segment - segments.order[segment], segment + 1):
+        for row in range(segments.first[s], segments.end[s]):
+            layout_at(
+                segments.places[row], segments.turns[row], segments.others[row], extent, shown
+            )
+            apart = 0.0
+            for k in range(len(layout)):
+                apart += (layout[k] - shown[k]) ** 2
+            if apart < least:
+                best, moment, least = s, row, apart
+    _begin(best, moment, segments, state)
 
 
 @njit
 def _off(place, row, segments, state):
     """Return how far the moved point, seen from the landmark, is from where a row wants it."""
-    wanted = plus(vector_of(segments.place, row), _vector(state.offset), _left(segments.share[row]))
+    left = _left(segments.share[row], state.begun[0])
+    wanted = plus(vector_of(segments.place, row), _vector(state.offset), left)
     return norm(minus(place, wanted))
 
 
@@ -246,9 +289,9 @@ def _vector(row):
 
 
 @njit
-def _left(share):
-    """Return the share of an offset that is left."""
-    return max(0.0, 1 - share / FADE)
+def _left(share, begun):
+    """Return the share of an offset that is left, since another share of the path."""
+    return max(0.0, 1 - (share - begun) / max(1e-9, FADE * (1 - begun)))
 
 
 @njit
@@ -265,7 +308,8 @@ def _allowance(row, last, segments, settings, state):
     """Return how far off the moved point may be: little where the demonstration is slow."""
     later = min(row + settings.lag, last)
     step = minus(vector_of(segments.place, later), vector_of(segments.place, row))
-    fading = _left(segments.share[later]) - _left(segments.share[row])
+    begun = state.begun[0]
+    fading = _left(segments.share[later], begun) - _left(segments.share[row], begun)
     return FLOOR * settings.extent + norm(plus(step, _vector(state.offset), fading))
 
 
@@ -295,7 +339,7 @@ def _act(segments, settings, state, model, action):
     last = segments.end[segment] - 1
     axes = _axes(segments.landmark[segment], state)
     place, turn = _here(segment, segments, state)
-    later = _left(segments.share[min(row + model.lead, last)])
+    later = _left(segments.share[min(row + model.lead, last)], state.begun[0])
     wanted = plus(vector_of(segments.place, row), _vector(state.offset), later)
     offset = _vector(state.offset_turn)
     faded = from_vector((later * offset[0], later * offset[1], later * offset[2]))
@@ -347,7 +391,8 @@ def _correct(pose, model, state, action):
             for k in range(len(pose)):
                 change -= model.lag[i, k] * state.velocity[pose[k]]
             value += model.inverse[j, i] * change
+        value = min(max(value, model.lowest[j]), model.highest[j])
         if model.follows[j] >= 0:
             at = pose[model.follows[j]]
             value += state.places[0, at] if at < 3 else to_vector(turn_of(state.turns, 0))[at - 3]
-        action[j] = min(max(value, model.lowest[j]), model.highest[j])
+        action[j] = value

@@ -106,7 +106,7 @@ class FramedSchemas(nn.Module):
         follower.make_room(segments)
         return FramedKnown(
             segments,
-            _inverted(self.forward_model.arrays()),
+            _for_frames(self.forward_model.arrays(), segments),
             bounds_of(segments),
             allowed[segments.demonstration],
             follower,
@@ -123,6 +123,18 @@ class FramedSchemas(nn.Module):
         self._framed = []
 
 
-def _inverted(model: AffineArrays) -> AffineArrays:
-    """Return the model with the plain inverse of its gain, that makes good all of a deviation."""
-    return model._replace(inverse=np.linalg.pinv(model.gain, rcond=_LEAST_GAIN))
+def _for_frames(model: AffineArrays, segments: Segments) -> AffineArrays:
+    """Return the model with the plain inverse of its gain, which makes good all of a deviation.
+
+    What moves the pose may be as large as it was in any direction, since another landmark may lie
+    in another one.
+    """
+    lowest, highest = model.lowest.copy(), model.highest.copy()
+    of_places = model.follows >= 0
+    largest = np.maximum(np.abs(lowest), np.abs(highest))
+    largest[of_places] = np.abs(segments.action[:, of_places]).max(axis=0)
+    for alike in (model.moves & of_places, model.moves & ~of_places):
+        highest[alike] = largest[alike].max(initial=0.0)
+        lowest[alike] = -highest[alike]
+    inverse = np.linalg.pinv(model.gain, rcond=_LEAST_GAIN)
+    return model._replace(inverse=inverse, lowest=lowest, highest=highest)

@@ -20,7 +20,7 @@ from pacnet.schemas.segments import Segments
 Array = NDArray[np.float64]
 
 _FAR = 3.0  # times the largest distance of two points in what was shown
-_BEYOND = 0.5  # of its range: how far outside of what was shown something else may be
+_BEYOND = 2.0  # of its range: how far outside of what was shown something else may be
 
 
 class Bounds(NamedTuple):

@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 
 MIN_EXPLAINED = 0.2  # share of the moved point's change that its actions must explain
 _LEAD = 0.0625  # [s] over which an action shows its effect
-_LEAST_RANGE = 2.0  # least range of what is no point, in deviations of the percepts' scale
+_SHARE = 0.1  # of its largest size, which is the least range of what is no point
+_LEAST_RANGE = 2.0  # the same, in deviations of the percepts' scale
 
 
 def choose_frames(
@@ -60,7 +61,8 @@ def choose_frames(
         )
     percepts = torch.cat([one.percepts for one in demonstrations]).double()
     others = tuple(sorted({*range(percepts.shape[1])} - {*points.used}))
-    ranges = (percepts.amax(dim=0) - percepts.amin(dim=0)).tolist()
+    lowest, highest = percepts.amin(dim=0), percepts.amax(dim=0)
+    ranges = torch.maximum(highest - lowest, _SHARE * torch.maximum(highest, -lowest)).tolist()
     return FramesConfig(
         points,
         measure([scene.places[:, 0] for scene in scenes], demonstrations.fps),

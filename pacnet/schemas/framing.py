@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.attention.cutting import moving
+from pacnet.attention.cutting import carried
 from pacnet.forward_models.affine_rows import placed
 from pacnet.schemas.demonstration_memory import Shown
 from pacnet.schemas.frame_choice import choose_landmarks
@@ -70,7 +70,7 @@ def framed(
         velocity,
         _averaged(relative, round(_ACTION_TIME * fps)),
         percepts[:, config.others].astype(np.float64) / config.ranges,
-        moving(scene.places[:, 1:], config.size, fps),
+        carried(scene.places, config.size, fps),
     )
 
 
