@@ -30,7 +30,7 @@ def distances_over_time(
     """Draw the moved point's distance from each landmark, and which one it is on its way to.
 
     Stretches have the colour and the name of that landmark. A line is thin while its landmark
-    moves, since what is carried or pushed is no place to go to.
+    is carried or pushed, which is no place to go to then.
 
     Args:
         approach: of an episode's T frames.
@@ -41,7 +41,7 @@ def distances_over_time(
     Raises:
         ValueError: not one name for each point, or a timestep that is not positive.
     """
-    distances, landmark, moves = approach
+    distances, landmark, carried = approach
     if len(names) != 1 + distances.shape[1]:
         raise ValueError(f"expected names of {1 + distances.shape[1]} points, got {list(names)}")
     if not timestep > 0:
@@ -52,33 +52,37 @@ def distances_over_time(
     what = f"Distance of {names[0]} from each landmark, and which one it is on its way to"
     tidy(axes, what, "time [s]", "distance")
     for number in range(distances.shape[1]):
-        _draw_line(axes, timestep, distances[:, number], moves[:, number], number)
+        _draw_line(axes, timestep, distances[:, number], carried[:, number], number)
     axes.set_ylim(0, _HEADROOM * float(distances.max()) or 1)
     axes.set_xlim(0, timestep * len(distances))
     _draw_segments(axes, timestep, landmark, names[1:])
-    handles = _legend(names[1:], bool(moves.any()))
+    handles = _legend(names[1:], bool(carried.any()))
     columns = min(4, len(handles))
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
-def _legend(landmarks: Sequence[str], shows_moves: bool) -> list[Line2D]:
+def _legend(landmarks: Sequence[str], shows_carried: bool) -> list[Line2D]:
     lines = [
         Line2D([], [], color=_colour(number), linestyle=_style(number), linewidth=2, label=name)
         for number, name in enumerate(landmarks)
     ]
-    if shows_moves:
-        lines.append(Line2D([], [], color=INK, linewidth=_THIN, label="thin: the landmark moves"))
+    if shows_carried:
+        lines.append(
+            Line2D([], [], color=INK, linewidth=_THIN, label="thin: the landmark is carried")
+        )
     return lines
 
 
-def _draw_line(axes: Axes, timestep: float, distance: NDArray, moves: NDArray, number: int) -> None:
-    """Draw the distance from one landmark, thin while that moves."""
+def _draw_line(
+    axes: Axes, timestep: float, distance: NDArray, carried: NDArray, number: int
+) -> None:
+    """Draw the distance from one landmark, thin while that is carried."""
     seconds = timestep * np.arange(len(distance))
     style: dict[str, Any] = {"color": _colour(number), "linestyle": _style(number)}
     marker = "." if len(distance) == 1 else None  # a line needs two
     axes.plot(seconds, distance, linewidth=_THIN, marker=marker, **style)
-    at_rest = np.where(moves, np.nan, distance)
+    at_rest = np.where(carried, np.nan, distance)
     axes.plot(seconds, at_rest, linewidth=2, **style)  # over the thin one
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.attention.cutting import cut, moving
+from pacnet.attention.cutting import carried, cut
 from pacnet.datasets.demonstrations import Demonstration
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.points import Points
@@ -53,8 +53,8 @@ class Approach(NamedTuple):
     """From each landmark, smoothed, `[T, M]`, in the percept's unit."""
     landmark: NDArray[np.int64]
     """Number of the one that it is on its way to, −1 for none, `[T]`."""
-    moves: NDArray[np.bool_]
-    """Whether each landmark moves, `[T, M]`."""
+    carried: NDArray[np.bool_]
+    """Whether each landmark moves with the moved point, `[T, M]`."""
 
 
 def landmark_name(points: Points, number: int) -> str:
@@ -98,5 +98,5 @@ def approach_of(shown: Demonstration, config: FramesConfig, fps: float) -> Appro
 def _approach(percepts: NDArray[np.float32], config: FramesConfig, fps: float) -> Approach:
     places = smooth(scene_of(percepts, config.points).places, config.smoothing)
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
-    moves = moving(places[:, 1:], config.size, fps)
-    return Approach(distances, cut(places, config.size, fps), moves)
+    landmark = cut(places, config.size, fps)
+    return Approach(distances, landmark, carried(places, config.size, fps))

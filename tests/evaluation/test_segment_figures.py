@@ -11,7 +11,7 @@ from pacnet.evaluation.segment_figures import distances_over_time
 from pacnet.imitator.cuts import Approach
 
 NAMES = ("hand", "cup", "shelf")
-# Four frames to the cup, two nowhere, four to the shelf while the cup moves.
+# Four frames to the cup, two nowhere, four to the shelf with the cup.
 APPROACH = Approach(
     np.stack([[4, 3, 2, 1, 1, 1, 1, 1, 1, 1], [5, 5, 5, 5, 5, 4, 3, 2, 1, 0]], axis=1) * 0.1,
     np.array([0, 0, 0, 0, -1, -1, 1, 1, 1, 1]),
@@ -38,7 +38,7 @@ def test_stretches_have_the_colour_and_the_name_of_their_landmark():
     assert len(set(colours)) == 3
 
 
-def test_a_line_is_thin_while_its_landmark_moves():
+def test_a_line_is_thin_while_its_landmark_is_carried():
     lines = axes_of().lines
     thick = [line.get_ydata() for line in lines if line.get_linewidth() == 2]
     np.testing.assert_array_equal(np.isnan(thick[0]), np.arange(10) > 5)
@@ -58,8 +58,8 @@ def test_the_legend_says_what_lines_are():
         (legend,) = distances_over_time(approach, NAMES, 0.5, "Episode").legends
         return [text.get_text() for text in legend.get_texts()]
 
-    assert labels(APPROACH) == ["cup", "shelf", "thin: the landmark moves"]
-    assert labels(APPROACH._replace(moves=np.zeros((10, 2), bool))) == ["cup", "shelf"]
+    assert labels(APPROACH) == ["cup", "shelf", "thin: the landmark is carried"]
+    assert labels(APPROACH._replace(carried=np.zeros((10, 2), bool))) == ["cup", "shelf"]
 
 
 def test_any_episode_can_be_drawn(tmp_path: Path):
