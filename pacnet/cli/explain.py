@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from pacnet.cli.parsing import (
@@ -20,7 +20,8 @@ from pacnet.cli.printing import NOTHING, print_json, print_pairs, print_table
 _DETAILS = """The imitator runs over the episode from its start to the frame, as on the robot, since
 earlier frames decide which demonstrations it follows, and where in each of them it is. The output
 has these demonstrations with their moments and weights, the novelty, the progress, and the action
-beside the actions that were shown at these moments."""
+beside the actions that were shown at these moments. With points it follows one demonstration, and
+the output names the segment of it and the landmark in whose frame its targets are kept."""
 _EXAMPLE = "pacnet explain imitator recordings/new --episode 0 --frame 120"
 
 
@@ -69,7 +70,7 @@ def print_explanation(document: Mapping[str, Any]) -> None:
     print_pairs(_summary(document))
     if document["followed"]:
         _print_target(document)
-        _print_followed(document["followed"])
+        _print_followed(document)
     print("\npercept")
     rows = [(name, f"{value:.4g}") for name, value in document["percept"].items()]
     print_table(("<dimension", "value"), rows)
@@ -83,11 +84,13 @@ def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     task = document["asked_for"]
     only = f"only what was shown for “{task or 'untitled'}”"
     follows = "whatever fits" if task is None else only
+    segment = document["segment"]
     done = ", at the end of what is followed most" if document["is_done"] else ""
     return [
         ("frame", f"{time} of {episode}, “{document['task'] or 'untitled'}”"),
         ("decision", f"{document['decision']}: {document['reason']}"),
         ("follows", follows),
+        *([] if segment is None else _segment_pairs(segment)),
         ("progress", f"{document['progress']:.1%}{done}"),
         (
             "novelty",
@@ -99,6 +102,24 @@ def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
             f"node {document['winner']} of the map, activation {document['activation']:.2f} "
             f"({match})",
         ),
+    ]
+
+
+def _segment_pairs(segment: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return where the demonstration that is followed goes now, in words."""
+    from pacnet.imitator.cuts import WORLD_NAME
+
+    landmark, reference, moved = segment["landmark"], segment["reference"], segment["moved"]
+    way = "to no landmark" if landmark == WORLD_NAME else f"on the way to {landmark}"
+    kept = f"in the frame of {reference}"
+    if segment["distance"] is not None:
+        kept += (
+            f": {moved} is {segment['distance']:.4g} from it now, and was "
+            f"{segment['distance_shown']:.4g} from it at the moment followed"
+        )
+    return [
+        ("segment", f"{segment['number']} of {segment['of']}, {way}"),
+        ("targets", kept),
     ]
 
 
@@ -122,7 +143,14 @@ def _print_target(document: Mapping[str, Any]) -> None:
         rows = [(name, f"{value:.4g}", f"{shown[name]:.4g}") for name, value in target.items()]
         print("\naction, not sent" if action is None else "\naction")
         print_table(("<name", "value", "shown"), rows)
-    print("shown: the weighted mean below; the rest corrects for the deviation from it")
+    segment = document["segment"]
+    if segment is None:
+        print("shown: the weighted mean below; the rest corrects for the deviation from it")
+    else:
+        print(
+            "shown: at the moment below; the value is turned as the landmark is, and corrects for "
+            f"what {segment['moved']} is off"
+        )
     if document["targets_are"] == "state" and action is not None:
         print("\naction")
         print_table(("<name", "value"), [(name, f"{value:.4g}") for name, value in action.items()])
@@ -136,8 +164,12 @@ def _mean_shown(document: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def _print_followed(followed: Sequence[Mapping[str, Any]]) -> None:
-    print("\ndemonstrations that are followed, and the moment of each that is now")
+def _print_followed(document: Mapping[str, Any]) -> None:
+    followed, segment = document["followed"], document["segment"]
+    if segment is None:
+        print("\ndemonstrations that are followed, and the moment of each that is now")
+    else:
+        print("\ndemonstration that is followed, and the moment of it that is now")
     rows = [
         (one["dataset"], f"{one['episode']}", one["task"] or "untitled", f"{one['frame']}",
          f"{one['seconds']:.2f} s", f"{one['weight']:.1%}", f"{one['deviation']:+.3g}",
@@ -146,4 +178,13 @@ def _print_followed(followed: Sequence[Mapping[str, Any]]) -> None:
     ]  # fmt: skip
     heads = ("<dataset", "episode", "<task", "frame", "time", "weight", "deviation", "<in")
     print_table(heads, rows)
-    print("deviation, in: of the percept from that moment, where it is largest for its threshold")
+    if segment is None:
+        print(
+            "deviation, in: of the percept from that moment, where it is largest for its threshold"
+        )
+    else:
+        print(
+            f"deviation, in: of {segment['moved']} from its place at that moment, both seen from "
+            f"{segment['reference']}, where it is largest;\nit fades along the way where it was "
+            "there at the beginning of the segment"
+        )

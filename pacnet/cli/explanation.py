@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pacnet.cli.explained_segment import followed_segment, moved_deviation
 from pacnet.cli.replay import reason_of
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.imitator import Imitator
@@ -58,7 +59,12 @@ def explain(
         "targets_are": imitator.config.targets,
         "target": _named(_target_names(imitator), step.target),
         "action": _named(imitator.config.action, step.action),
-        "followed": [_moment(imitator, one, percept.numpy()) for one in step.followed],
+        "segment": followed_segment(imitator, step, percept.numpy()),
+        "followed": [
+            _moment(imitator, one, percept.numpy())
+            | moved_deviation(imitator, step, percept.numpy())
+            for one in step.followed
+        ],
         "percept": _named(imitator.percept_names, percept),
     }
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pacnet.cli.cuts import cut_pairs, describe_cuts
 from pacnet.cli.held_out import add_held_out, compare, to_learn
 from pacnet.cli.parsing import (
     Commands,
@@ -231,12 +232,14 @@ def _print(imitator: Imitator, before: int, seconds: float, folder: Path) -> Non
     )
     if before:
         learned += f" ({counted(count_episodes(imitator.reports), 'episode')} in all)"
+    points = describe_points(imitator.config)
     pairs = [
         ("learned", learned),
         ("nodes", f"{len(imitator.sofm):,}"),
         ("tasks", f"{len(imitator.tasks):,}"),
         ("targets", _targets(imitator)),
-        ("points", points_text(describe_points(imitator.config))),
+        ("points", points_text(points)),
+        *cut_pairs(points | describe_cuts(imitator)),
         ("checkpoint", f"{folder}, {size_text(size_of(folder))}"),
     ]
     model = describe_forward_model(imitator)

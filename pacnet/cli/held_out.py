@@ -20,6 +20,11 @@ _LEGEND = (
     "learned; where the imitator holds, its last action counts"
 )
 
+_WITH_POINTS = (
+    "with points the imitator leads {moved} back to where it wants it, and waits for it; {moved} "
+    "of a recording heeds neither, so this error is larger than on a robot"
+)
+
 
 def add_held_out(parser: argparse.ArgumentParser) -> None:
     """Add the option --held-out."""
@@ -67,6 +72,9 @@ def compare(
     print()
     print(_what_is_held_out(parted, scores))
     _print(scores)
+    points = imitator.config.points
+    if points is not None:
+        print(_WITH_POINTS.format(moved=points.moved.name))
 
 
 def _what_is_held_out(parted: list[Split], scores: HeldOutScores) -> str:

@@ -77,7 +77,7 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     novelty = row["max_novelty"]
     return (
         row["dataset"],
-        _place(row["episode"], row["first_frame"]),
+        place_text(row["episode"], row["first_frame"]),
         row["task"] or "untitled",
         f"{row['frames']:,}",
         f"{row['new_nodes']}",
@@ -87,6 +87,6 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _place(episode: int, first_frame: int) -> str:
+def place_text(episode: int, first_frame: int) -> str:
     """Return an episode's number, with the frame from which a later part of it begins."""
     return f"{episode} from frame {first_frame:,}" if first_frame else f"{episode}"

@@ -20,7 +20,11 @@ from pacnet.cli.parsing import (
 from pacnet.cli.printing import NOTHING, print_pairs, print_table, progress_bar
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from pacnet.cli.replay import ReplayedEpisode
+    from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+    from pacnet.schemas.frames import FramesConfig
 
 _DETAILS = """The imitator runs over each episode from its start, without acting or learning. The
 output says which task it recognises, where the percepts are unlike the training data, and in
@@ -47,7 +51,8 @@ def add_to(commands: Commands) -> None:
     add_task(parser)
     parser.add_argument(
         "--out", type=path, metavar="DIR",
-        help="draw a figure of each episode over time to DIR/episode_NNN.png",
+        help="draw a figure of each episode over time to DIR/episode_NNN.png; with points also "
+        "where it is cut, to DIR/episode_NNN_segments.png",
     )  # fmt: skip
     parser.add_argument(
         "--rerun", type=path, metavar="FILE.rrd",
@@ -74,6 +79,8 @@ def run(arguments: argparse.Namespace) -> None:
     written = []
     if arguments.out is not None:
         _draw(episodes, behaviours, fps, Path(arguments.out))
+        if imitator.config.frames is not None:
+            _draw_segments(imitator.config.frames, demonstrations, Path(arguments.out))
         written.append(("pictures", str(Path(arguments.out))))
     if arguments.rerun is not None:
         write_rerun(arguments.rerun, episodes, behaviours, fps)
@@ -128,14 +135,35 @@ def _draw(
     with progress_bar("drawing", len(episodes), "figure") as advance:
         for episode in episodes:
             shown, recognition = episode.recognized.demonstration, episode.recognized.recognition
-            title = f"Episode {shown.episode}, recorded as “{shown.task or 'untitled'}”"
             figure = recognition_over_time(
-                recognition, behaviours, NOVEL, 1 / fps, title, episode.acts.numpy()
+                recognition, behaviours, NOVEL, 1 / fps, _title(shown), episode.acts.numpy()
             )
-            with warnings.catch_warnings():  # characters that the font lacks are drawn as boxes
-                warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-                figure.savefig(folder / f"episode_{shown.episode:03}.png")
+            _save(figure, folder / f"episode_{shown.episode:03}.png")
             advance(1)
+
+
+def _draw_segments(config: FramesConfig, demonstrations: Demonstrations, folder: Path) -> None:
+    """Draw where each episode is cut, as it is when it is learned."""
+    from pacnet.evaluation.segment_figures import distances_over_time
+    from pacnet.imitator.cuts import approach_of
+
+    names, fps = config.points.names, demonstrations.fps
+    with progress_bar("drawing", len(demonstrations), "figure") as advance:
+        for shown in demonstrations:
+            approach = approach_of(shown, config, fps)
+            figure = distances_over_time(approach, names, 1 / fps, _title(shown))
+            _save(figure, folder / f"episode_{shown.episode:03}_segments.png")
+            advance(1)
+
+
+def _title(shown: Demonstration) -> str:
+    return f"Episode {shown.episode}, recorded as “{shown.task or 'untitled'}”"
+
+
+def _save(figure: Figure, file: Path) -> None:
+    with warnings.catch_warnings():  # characters that the font lacks are drawn as boxes
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        figure.savefig(file)
 
 
 def write_rerun(

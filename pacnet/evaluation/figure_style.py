@@ -6,6 +6,8 @@ of Okabe & Ito, which colour-blind readers can tell apart.
 
 from __future__ import annotations
 
+import textwrap
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -19,6 +21,7 @@ GREY = "#8c8c8c"
 BLUE = "#0072b2"
 VERMILION = "#d55e00"
 GREEN = "#009e73"
+COLOURS = (BLUE, VERMILION, GREEN, "#cc79a7", "#56b4e9", "#e69f00")  # the lightest last
 LABEL_SIZE = 8  # [pt]
 
 
@@ -35,6 +38,12 @@ def tidy(axes: Axes, title: str, x_label: str, y_label: str) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color=GREY, alpha=0.25, linewidth=0.6)
     axes.set_axisbelow(True)
+
+
+def wrapped(text: str, width: int) -> str:
+    """Return a text on at most three lines, without formulas between dollar signs."""
+    plain = " ".join(text.split()).replace("$", r"\$")
+    return "\n".join(textwrap.wrap(plain, width, max_lines=3, placeholder=" …"))
 
 
 def component_axes(title: str, variance_ratio: ArrayLike) -> tuple[Figure, Axes]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -17,20 +16,17 @@ from numpy.typing import NDArray
 
 from pacnet.competition.recognition import Recognition
 from pacnet.evaluation.figure_style import (
-    BLUE,
-    GREEN,
+    COLOURS,
     GREY,
     INK,
     LABEL_SIZE,
-    VERMILION,
     new_figure,
     rows_by_first_win,
     tidy,
+    wrapped,
 )
 
-# The colours of Okabe & Ito, the lightest last; from the seventh behaviour on also hatched.
-_COLOURS = (BLUE, VERMILION, GREEN, "#cc79a7", "#56b4e9", "#e69f00")
-_HATCHES = ("", "///", "...", "xxx")
+_HATCHES = ("", "///", "...", "xxx")  # the last three from the seventh behaviour on
 _NUMBERED_NODES = 40  # of more nodes, only some are numbered
 _ROW = 0.12  # height of a row whose node is numbered [inches]
 _LINE = 0.17  # height of a line of the legend [inches]
@@ -72,7 +68,7 @@ def recognition_over_time(
     legend, columns = _legend(behaviours, acts is not None)
     rows = min(len(set(winners.tolist())), _NUMBERED_NODES) * _ROW  # [inches]
     figure = new_figure(8.5, 6.8 + max(0.0, rows - 1.3) + _height(legend, columns))
-    figure.suptitle(_wrapped(title, _TITLE_WIDTH), x=0.01, ha="left", fontsize=12)
+    figure.suptitle(wrapped(title, _TITLE_WIDTH), x=0.01, ha="left", fontsize=12)
     heights = (1.3, 1.3, 1.1, max(1.3, rows))
     panels = figure.subplots(4, 1, sharex=True, height_ratios=heights)
     _draw_probabilities(panels[0], edges, recognition.probability.numpy())
@@ -172,7 +168,7 @@ def _legend(behaviours: Sequence[str], shows_holds: bool) -> tuple[list[Patch | 
     shares = [
         Patch(
             facecolor=_colour(number), hatch=_hatch(number), edgecolor="white",
-            label=_wrapped(title, 90 // columns),
+            label=wrapped(title, 90 // columns),
         )
         for number, title in enumerate(behaviours)
     ]  # fmt: skip
@@ -193,15 +189,9 @@ def _height(legend: Sequence[Patch | Line2D], columns: int) -> float:
     return _LINE * max(part.sum() for part in np.array_split(lines, columns))
 
 
-def _wrapped(text: str, width: int) -> str:
-    """Return a text on at most three lines, without formulas between dollar signs."""
-    plain = " ".join(text.split()).replace("$", r"\$")
-    return "\n".join(textwrap.wrap(plain, width, max_lines=3, placeholder=" …"))
-
-
 def _colour(number: int) -> str:
-    return _COLOURS[number % len(_COLOURS)]
+    return COLOURS[number % len(COLOURS)]
 
 
 def _hatch(number: int) -> str:
-    return _HATCHES[number // len(_COLOURS) % len(_HATCHES)]
+    return _HATCHES[number // len(COLOURS) % len(_HATCHES)]

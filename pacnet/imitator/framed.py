@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
 
 from pacnet.attention.cutting import cut
 from pacnet.competition.framed_following import FramedFollower
+from pacnet.core.integrity import check_structure, part_of
 from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.forward_models.affine import AffineForwardModel
 from pacnet.forward_models.affine_arrays import AffineArrays
@@ -110,6 +112,11 @@ class FramedSchemas(nn.Module):
             follower,
             shown.first,
         )
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+        check_structure(self, tensors)
+        self.forward_model.check_state(part_of(tensors, "forward_model."))
 
     def forget_derived(self) -> None:
         """Derive all anew from the demonstrations, which have changed."""

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.imitator.cuts import landmark_name
 from pacnet.imitator.framed import FramedKnown
 from pacnet.imitator.framed_novelty import score
 from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.records import Followed, ImitatorStep
 from pacnet.schemas.frames import FramesConfig
-from pacnet.schemas.scene import WORLD, scene_of
+from pacnet.schemas.scene import scene_of
 from pacnet.schemas.segments import NO_SEGMENT
-
-WORLD_NAME = "world"
 
 
 def framed_step(
@@ -54,8 +53,7 @@ def framed_step(
         followed = (Followed(number, row - first, 1.0),)
         progress = (row - first) / max(1, last - first)
         done = row >= last - end_frames
-        mark = segments.landmark[segment].item()
-        landmark = WORLD_NAME if mark == WORLD else config.points.landmarks[mark].name
+        landmark = landmark_name(config.points, segments.landmark[segment].item())
     return ImitatorStep(
         None if is_novel else target,
         is_novel,

@@ -29,6 +29,7 @@ from pacnet.core.integrity import (
 from pacnet.core.old_names import old_names
 from pacnet.forward_models.correction import Correction, LinearCorrection
 from pacnet.imitator.config import ImitatorConfig
+from pacnet.imitator.cuts import ShownCut, cuts_of
 from pacnet.imitator.forward_model import Model, class_of, make_model
 from pacnet.imitator.framed import FramedKnown, FramedSchemas
 from pacnet.imitator.novelty import NoveltyDetector
@@ -100,6 +101,15 @@ class ImitatorState(nn.Module):
     def tasks(self) -> tuple[str, ...]:
         """What was shown, in words, in order of first use."""
         return tuple(dict.fromkeys(task_name(report.task) for report in self.reports))
+
+    @property
+    def cuts(self) -> tuple[ShownCut, ...]:
+        """How each demonstration is cut, in the order of the reports; none without points."""
+        known = self._latest().framed
+        if known is None or self.frames is None:
+            return ()
+        landmark = self.frames.segments.columns()["landmark"]
+        return cuts_of(known.segments, landmark, self.frames.config.points)
 
     def _begin_again(self) -> None:
         """Forget what was derived from the state, which has changed."""

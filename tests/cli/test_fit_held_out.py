@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from carrying import record_carrying
 from command_line import assert_equal, record, refusal, rows_under, run, unannounced, value_of
 
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
@@ -95,3 +96,19 @@ def test_what_was_learned_before_cannot_be_held_out(
     assert "argument --held-out: not with --from" in capsys.readouterr().err
     assert run("fit", dataset, "--held-out", 1, "--out", tmp_path / "out") == 2
     assert "expected a whole number ≥ 2, got '1'" in capsys.readouterr().err
+
+
+def test_with_points_it_says_what_the_error_means(
+    dataset: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    carrying = record_carrying(tmp_path / "carrying", (False,) * 4)
+    assert run("fit", carrying, "--held-out", 2, "--out", tmp_path / "out") == 0
+    out = capsys.readouterr().out
+    (split,) = splits(load_demonstrations(carrying), every=2)
+    scores = score([split])
+    assert (scores.acted, scores.novel) == (1, 0)
+    assert_printed(scores, out)
+    assert "with points the imitator leads hand back" in out
+    for points in ((carrying, "--points", "none"), (dataset,)):
+        assert run("fit", *points, "--held-out", 3, "--overwrite", "--out", tmp_path / "out") == 0
+        assert "with points" not in capsys.readouterr().out

@@ -1,0 +1,102 @@
+"""Where demonstrations are cut, by the landmarks' names."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacnet.attention.cutting import carried, cut
+from pacnet.datasets.demonstrations import Demonstration
+from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.points import Points
+from pacnet.schemas.scene import WORLD, scene_of
+from pacnet.schemas.segments import Segments
+from pacnet.schemas.smoothing import smooth
+
+WORLD_NAME = "world"
+"""In place of a landmark: the percepts' own axes."""
+
+
+class ShownSegment(NamedTuple):
+    """A stretch of a demonstration on the way to one landmark."""
+
+    landmark: str
+    """Where the moved point is on its way to; `WORLD_NAME` for nowhere."""
+    reference: str
+    """In whose frame of reference the targets are kept; nearly always that landmark's."""
+    first_frame: int
+    """Counted from the demonstration's own first frame."""
+    frames: int
+    """Number of frames."""
+
+
+class ShownCut(NamedTuple):
+    """How a demonstration is cut."""
+
+    segments: tuple[ShownSegment, ...]
+    """In order, without gaps; neighbours have different landmarks."""
+    is_usual: bool
+    """Whether it goes to the landmarks that most of its task go to; else it is not followed."""
+
+    @property
+    def landmarks(self) -> tuple[str, ...]:
+        """Where the moved point goes, in order."""
+        return tuple(segment.landmark for segment in self.segments)
+
+
+class Approach(NamedTuple):
+    """How the moved point comes near M landmarks in T frames."""
+
+    distances: NDArray[np.float64]
+    """From each landmark, smoothed, `[T, M]`, in the percept's unit."""
+    landmark: NDArray[np.int64]
+    """Number of the one that it is on its way to, −1 for none, `[T]`."""
+    carried: NDArray[np.bool_]
+    """Whether each landmark moves with the moved point, `[T, M]`."""
+
+
+def landmark_name(points: Points, number: int) -> str:
+    """Return the name of a landmark, `WORLD_NAME` for none."""
+    return WORLD_NAME if number == WORLD else points.landmarks[number].name
+
+
+def cuts_of(
+    segments: Segments, attended: NDArray[np.int64], points: Points
+) -> tuple[ShownCut, ...]:
+    """Return how each demonstration is cut.
+
+    Args:
+        segments: of all demonstrations.
+        attended: which landmark each of them is on the way to, `[S]`.
+        points: of the percepts.
+    """
+    cuts = []
+    for number in range(len(set(segments.demonstration.tolist()))):
+        own = np.flatnonzero(segments.demonstration == number)
+        begin = segments.first[own[0]].item()
+        shown = tuple(
+            ShownSegment(
+                landmark_name(points, attended[one].item()),
+                landmark_name(points, segments.landmark[one].item()),
+                segments.first[one].item() - begin,
+                (segments.end[one] - segments.first[one]).item(),
+            )
+            for one in own
+        )
+        cuts.append(ShownCut(shown, bool(segments.usual[own[0]])))
+    return tuple(cuts)
+
+
+def approach_of(shown: Demonstration, config: FramesConfig, fps: float) -> Approach:
+    """Return how an episode of T ≥ 1 frames, learned or not, comes near the landmarks."""
+    parts = [_approach(part.percepts.numpy(), config, fps) for part in shown.continuous()]
+    return Approach(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _approach(percepts: NDArray[np.float32], config: FramesConfig, fps: float) -> Approach:
+    places = smooth(scene_of(percepts, config.points).places, config.smoothing)
+    distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
+    landmark = cut(places, config.size, fps)
+    return Approach(distances, landmark, carried(places, config.size, fps))
