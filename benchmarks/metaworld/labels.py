@@ -10,6 +10,8 @@ command, at the first step at which the object moves.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 LABELS: dict[str, tuple[tuple[int, str], ...]] = {
     "drawer-open": ((0, "object"), (65, "goal")),
     "button-press-topdown": ((0, "object"), (54, "goal")),
@@ -29,5 +31,4 @@ episode of draw 0. In door-lock the hand pushes the lock, backs away and comes d
 def labelled(task: str, steps: int) -> list[str]:
     """Return the landmark of each of `steps` frames of a task's labelled demonstration."""
     starts = [*LABELS[task], (steps, "")]
-    return [name for (at, name), (end, _) in zip(starts, starts[1:], strict=False)
-            for _ in range(end - at)]  # fmt: skip
+    return [name for (at, name), (end, _) in pairwise(starts) for _ in range(end - at)]
