@@ -171,21 +171,32 @@ def _lost(segments, extent, state):
     """Return the segment in which was picked up what is no longer held; `NO_SEGMENT` if none."""
     segment, row = state.segment[0], state.row[0]
     mark = segments.landmark[segment]
-    now, shown = _axes(mark, state), turn_of(segments.axes, row)
     for m in range(segments.carried.shape[1]):
         if m == mark or not segments.carried[row, m]:
             continue
         hold = _between(segments.places[row], 0, m + 1)
-        hold = rotate(multiply(now, inverse(shown)), hold)
-        if norm(hold) >= HELD * extent:
-            continue
-        if norm(minus(_between(state.places, 0, m + 1), hold)) > LOST * extent:
+        if norm(hold) < HELD * extent and _is_elsewhere(hold, m + 1, row, segments, extent, state):
             earlier = segment - 1
             for _ in range(segments.order[segment]):
                 if segments.landmark[earlier] == m:
                     return earlier
                 earlier -= 1
     return NO_SEGMENT
+
+
+@njit
+def _is_elsewhere(hold, point, row, segments, extent, state):
+    """Return whether a point is not where it was held, turned as it is itself, or as the hand is.
+
+    A point without an orientation that is grasped and then turned goes with the hand. How the
+    landmark is turned that it is carried to says nothing: it was grasped before.
+    """
+    now, shown = _between(state.places, 0, point), segments.turns[row]
+    for of in (point, 0):
+        turn = multiply(turn_of(state.turns, of), inverse(turn_of(shown, of)))
+        if norm(minus(now, rotate(turn, hold))) <= LOST * extent:
+            return False
+    return True
 
 
 @njit

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pacnet.forward_models.affine_alike import fit_alike
 from pacnet.forward_models.affine_rows import Array, Rows, rows_of
+from pacnet.forward_models.config import AffineForwardModelConfig
 
 _RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # in shares of each input's variance
 _WORSE = 0.02  # log of a held-out error's ratio, summed over the state; less is no difference
@@ -70,13 +71,14 @@ class _Moments(NamedTuple):
 
 
 def fit_law(
-    states: Sequence[Array], actions: Sequence[Array], follows: Sequence[int], lead: int
+    states: Sequence[Array], actions: Sequence[Array], config: AffineForwardModelConfig
 ) -> Law:
     """Fit the law to episodes, states `[T, S]` and actions `[T, U]` each.
 
     Raises:
         ValueError: fewer frames than two blocks need; see `least_frames`.
     """
+    follows, lead = config.follows, config.lead
     rows = rows_of(states, actions, follows, lead)
     if rows.part.max(initial=0) < 1:
         raise ValueError(
@@ -84,13 +86,13 @@ def fit_law(
             f"ahead, got {[len(one) for one in states]}"
         )
     place = np.array(follows)
-    regression = _Regression(rows, place)
+    regression = _Regression(rows, place, one_unit=config.one_unit)
     kept, ridge = _choose(regression, place)
     coefficients, drift = regression.solve(regression.everything, kept, ridge)
     error = regression.held_out_error(kept, ridge)
     first = np.arange(len(place)) < len(error)  # a hand's place before its gripper, as is usual
     for movers in (first, kept):
-        if _are_alike(movers, place, len(error)):
+        if config.one_unit and _are_alike(movers, place, len(error)):
             simple = _held_out_alike(rows, movers)
             if _log_ratio(simple, error, rows) < _SIMPLER * len(error):
                 coefficients, drift = _alike(rows, movers, slice(None)), np.zeros(len(error))
@@ -142,8 +144,8 @@ def least_frames(lead: int) -> int:
 class _Regression:
     """Ridge regressions of some inputs, from sums over the parts that are not held out."""
 
-    def __init__(self, rows: Rows, place: NDArray[np.int64]) -> None:
-        self._rows, self._place = rows, place
+    def __init__(self, rows: Rows, place: NDArray[np.int64], *, one_unit: bool) -> None:
+        self._rows, self._place, self._one_unit = rows, place, one_unit
         self.states = rows.changes.shape[1]
         used = range(int(rows.part.max()) + 1)
         self._of_part = [self._sums(rows.part == part) for part in used]
@@ -165,8 +167,9 @@ class _Regression:
         moments = _Moments(covariance[np.ix_(of, of)], covariance[of, count:], int(kept.sum()))
         coefficients = np.zeros((count, self.states))
         place = self._place[kept]
-        alike = len(place) == self.states and not (place >= 0).any()
-        coefficients[of] = moments.ridge(ridge, _prior(moments, place), alike=alike)
+        alike = self._one_unit and len(place) == self.states and not (place >= 0).any()
+        prior = _prior(moments, place) if self._one_unit else np.zeros(moments.changes.shape)
+        coefficients[of] = moments.ridge(ridge, prior, alike=alike)
         return coefficients, mean[count:] - mean[:count] @ coefficients
 
     def held_out_error(self, kept: NDArray[np.bool_], ridge: float) -> Array:

@@ -93,7 +93,11 @@ def forward_model_for(
     follows, _ = find_position_targets(states, actions, of_moved, demonstrations.action_names, fps)
     lead = max(1, round(_LEAD * fps))
     config = AffineForwardModelConfig(
-        len(pose_dimensions(points.moved)), len(demonstrations.action_names), lead, follows
+        len(pose_dimensions(points.moved)),
+        len(demonstrations.action_names),
+        lead,
+        follows,
+        one_unit=not points.moved.orientation,
     )
     return AffineForwardModel(config)
 

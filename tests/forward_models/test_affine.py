@@ -104,6 +104,21 @@ def test_an_action_that_was_hardly_tried_gets_the_gain_of_the_others():
         assert float(shown.gain[0, 1]) == pytest.approx(-STEP, rel=0.2)
 
 
+def test_no_dimension_of_another_unit_is_presumed_to_move_as_far():
+    actions = smooth(90, 2, seed=4) * torch.tensor([1.0, 0.05])  # it hardly turns
+    law = torch.diag(torch.tensor([STEP, 1.0]))
+    noise = torch.from_numpy(np.random.default_rng(0).normal(0, 2e-3, (90, 2))).float()
+    states = moved(actions, law, lag=0.5) + noise
+    settings = AffineForwardModelConfig(2, 2, 1, (-1, -1), one_unit=False)
+    gains = []
+    for unit in (1.0, 1000.0):  # m, then mm
+        model = AffineForwardModel(settings)
+        model.fit([states * torch.tensor([unit, 1.0])], [actions])
+        gains.append(model.gain.diag() / torch.tensor([unit, 1.0]))
+    assert gains[0][1] == pytest.approx(1, abs=0.2)
+    torch.testing.assert_close(gains[0], gains[1], rtol=1e-3, atol=0)
+
+
 def test_what_goes_on_moving_is_braked():
     actions = smooth(200, 1, seed=2)
     states = moved(actions, torch.tensor([[STEP]]), lag=0.8)
@@ -321,7 +336,14 @@ def test_a_saved_model_commands_the_same(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("lead", 0), ("follows", (0,)), ("follows", (0, 2)), ("follows", (0, -2)), ("lead", True)],
+    [
+        ("one_unit", 1),
+        ("lead", 0),
+        ("follows", (0,)),
+        ("follows", (0, 2)),
+        ("follows", (0, -2)),
+        ("lead", True),
+    ],
 )
 def test_settings_out_of_range_are_refused(field: str, value: object):
     config = AffineForwardModelConfig(2, 2, lead=1, follows=(0, 1))
