@@ -68,7 +68,7 @@ def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
     """
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
     moves = moving(places[:, 1:], size, fps)
-    possible = _gone_to(distances, moves) & ~moves
+    possible = _gone_to(distances, moves, size) & ~moves
     together = max(1, round(_TOGETHER * fps))
     frames, landmarks = distances.shape
     attained = np.full(frames, -1)
@@ -82,10 +82,11 @@ def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
     return _without_short(attained, max(1, round(_SHORTEST * fps)))
 
 
-def _gone_to(distances: Array, moves: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _gone_to(distances: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[np.bool_]:
     """Return whether the moved point ever approaches each landmark or sets it in motion, `[M]`."""
-    approached = distances <= _APPROACHED * np.maximum.accumulate(distances, axis=0)
-    return (approached | moves).any(axis=0)
+    farthest = np.maximum.accumulate(distances, axis=0)
+    near = distances <= np.maximum(_APPROACHED * farthest, _CLOSE * size.extent)
+    return (near | moves).any(axis=0)
 
 
 def _attained(

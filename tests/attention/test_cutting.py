@@ -61,7 +61,7 @@ def test_units_axes_and_origin_change_no_cut(fps: float):
     sine, cosine = np.sin(np.pi / 6), np.cos(np.pi / 6)  # 30°
     turned = places @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
     expected = labels_of(places, fps)
-    for other in (1000 * places, turned, places + (5.0, -2.0, 1.0)):
+    for other in (1000 * places, turned, np.add(places, (5.0, -2.0, 1.0))):
         assert labels_of(other, fps).tolist() == expected.tolist()
 
 
@@ -115,6 +115,13 @@ def test_a_hand_that_approaches_nothing_moves_in_the_world(end: tuple[float, ...
     assert (labels_of(places, 80) == NONE).all()
 
 
+def test_what_the_hand_begins_at_is_a_landmark():
+    """A hand that goes away from a cup, of which alone it came close."""
+    hand = path([CUP, HOME], [1.0], 80)
+    places = np.stack([hand, np.full_like(hand, CUP), np.full_like(hand, (5.0, 5.0, 5.0))], axis=1)
+    assert (labels_of(places, 80) == CUP_NUMBER).all()
+
+
 def test_what_is_approached_half_the_way_is_a_landmark():
     """A hand that stops before the cup, as one that holds a tool does."""
     hand = path([HOME, (0.2, 0.05, 0.15)], [1.0], 80)
@@ -134,7 +141,7 @@ def test_what_the_hand_sets_in_motion_from_afar_is_a_landmark_before():
 
 def test_without_landmarks_at_rest_there_is_none():
     hand = path([HOME, CUP], [1.0], 80)  # slow at either end
-    carried = np.stack([hand, hand + (0.0, 0.0, 0.1)], axis=1)
+    carried = np.stack([hand, np.add(hand, (0.0, 0.0, 0.1))], axis=1)
     assert (labels_of(carried, 80)[20:-20] == NONE).all()
 
 

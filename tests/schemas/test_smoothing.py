@@ -67,7 +67,7 @@ def test_a_place_and_its_speed_are_corrected_by_alpha_and_beta():
 def test_the_gains_do_not_depend_on_unit_and_origin():
     places = noisy(carrying(80), NOISE, 1)
     gains = np.array(choose_smoothing([places]))
-    for other in (1000 * places, places + (3.0, -1.0, 0.5)):
+    for other in (1000 * places, np.add(places, (3.0, -1.0, 0.5))):
         np.testing.assert_allclose(choose_smoothing([other]), gains, rtol=1e-6)
 
 
