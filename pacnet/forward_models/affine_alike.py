@@ -24,15 +24,26 @@ def fit_alike(sent: Array, before: Array, changes: Array) -> Array:
         changes: to be explained, `[N, S]`.
     """
     straight = np.eye(changes.shape[1])
-    law, error = _fit(sent, before, changes, straight)
-    gain, lag = law
-    rest = sent.T @ (changes - lag * before)
-    left, _, right = np.linalg.svd(rest)  # orthogonal Procrustes problem
-    axes = left @ right
+    (gain, lag), error = _fit(sent, before, changes, straight)
+    axes = _turned(sent, before, changes)
     turned, error_turned = _fit(sent, before, changes, axes)
     if error_turned < _TURNED * error:
         (gain, lag), straight = turned, axes
     return np.concatenate([gain * straight, lag * np.eye(changes.shape[1])])
+
+
+def _turned(sent: Array, before: Array, changes: Array) -> Array:
+    """Return axes at right angles `[K, S]` along which actions explain most of the changes.
+
+    What the last change says of either is taken away first: smooth actions are much like it.
+    """
+    known = np.linalg.lstsq(before, np.concatenate([sent, changes], axis=1), rcond=None)[0]
+    sent, changes = (
+        sent - before @ known[:, : sent.shape[1]],
+        changes - before @ known[:, sent.shape[1] :],
+    )
+    left, _, right = np.linalg.svd(sent.T @ changes)  # orthogonal Procrustes problem
+    return left @ right
 
 
 def _fit(sent: Array, before: Array, changes: Array, axes: Array) -> tuple[Array, float]:
