@@ -86,7 +86,7 @@ def _gone_to(distances: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[
     """Return whether the moved point ever approaches each landmark or sets it in motion, `[M]`."""
     farthest = np.maximum.accumulate(distances, axis=0)
     near = distances <= np.maximum(_APPROACHED * farthest, _CLOSE * size.extent)
-    return (near | moves).any(axis=0)
+    return np.logical_or.reduce(near | moves, axis=0)
 
 
 def _attained(

@@ -37,11 +37,9 @@ def _turned(sent: Array, before: Array, changes: Array) -> Array:
 
     What the last change says of either is taken away first: smooth actions are much like it.
     """
-    known = np.linalg.lstsq(before, np.concatenate([sent, changes], axis=1), rcond=None)[0]
-    sent, changes = (
-        sent - before @ known[:, : sent.shape[1]],
-        changes - before @ known[:, sent.shape[1] :],
-    )
+    both = np.concatenate([sent, changes], axis=1)
+    known = np.linalg.lstsq(before, both, rcond=None)[0]
+    sent, changes = np.split(both - before @ known, [sent.shape[1]], axis=1)
     left, _, right = np.linalg.svd(sent.T @ changes)  # orthogonal Procrustes problem
     return left @ right
 
@@ -54,7 +52,8 @@ def _fit(sent: Array, before: Array, changes: Array, axes: Array) -> tuple[Array
     found: Array = np.zeros(2)
     error = 0.0
     for _ in range(_ROUNDS):
-        found = np.linalg.lstsq(inputs * weight[:, None], wanted * weight, rcond=None)[0]
+        solved = np.linalg.lstsq(inputs * weight[:, None], wanted * weight, rcond=None)
+        found = solved[0].astype(np.float64)
         residual = np.abs(wanted - inputs @ found)
         error = float(np.median(residual))
         limit = _OUTLYING * error + 1e-12 * float(np.abs(wanted).max(initial=0.0)) + 1e-300

@@ -117,7 +117,7 @@ def test_a_hand_that_approaches_nothing_moves_in_the_world(end: tuple[float, ...
 
 def test_what_the_hand_begins_at_is_a_landmark():
     """A hand that goes away from a cup, of which alone it came close."""
-    hand = path([CUP, HOME], [1.0], 80)
+    hand = path([tuple(np.add(CUP, 0.01)), HOME], [1.0], 80)
     places = np.stack([hand, np.full_like(hand, CUP), np.full_like(hand, (5.0, 5.0, 5.0))], axis=1)
     assert (labels_of(places, 80) == CUP_NUMBER).all()
 
@@ -137,6 +137,17 @@ def test_what_the_hand_sets_in_motion_from_afar_is_a_landmark_before():
     labels = labels_of(places, 80)
     assert (labels[: round(0.4 * 80)] == CUP_NUMBER).all()
     assert labels[80] == NONE  # all landmarks move
+
+
+def test_what_is_set_in_motion_from_afar_comes_before_what_is_reached_later():
+    """A rod of 25 cm moves the cup; the hand is never near this, and then goes to the plate."""
+    touches = (0.2, 0.0, 0.3)
+    hand = path([HOME, touches, PLATE], [1.0, 1.0], 80)
+    cup = np.array((0.0, -0.25, 0.0)) + np.where(np.arange(160)[:, None] < 80, touches, hand)
+    places = np.stack([hand, cup, np.full_like(hand, PLATE)], axis=1)
+    cuts = cuts_of(places, 80)
+    assert [landmark for landmark, _ in cuts] == [CUP_NUMBER, PLATE_NUMBER]
+    assert cuts[1][1] == pytest.approx(1.0, abs=TOLERANCE)
 
 
 def test_without_landmarks_at_rest_there_is_none():

@@ -72,6 +72,14 @@ def test_where_ends_agree_well_enough_attention_decides():
         assert chosen(scene, attended) == [attended] * SHOWN
 
 
+def test_a_millimetre_does_not_make_attention_wrong():
+    """The plate stands beside the cup, as near as makes no difference; ends agree at the cup."""
+    scene = shown(CUP)
+    apart = np.random.default_rng(1).normal(0, 0.001, (SHOWN, 3)).repeat(FRAMES, axis=0)
+    scene.places[:, 2], scene.turns[:, 2] = scene.places[:, 1] + apart, scene.turns[:, 1]
+    assert chosen(scene, PLATE) == [PLATE] * SHOWN
+
+
 def test_what_mostly_moves_is_no_frame():
     carried = np.zeros((SHOWN, FRAMES, 2), bool)
     carried[2, 1:, CUP] = True  # in one of the segments

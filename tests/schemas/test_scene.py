@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pacnet.schemas.points import Point, Points
 from pacnet.schemas.scene import (
@@ -103,3 +104,13 @@ def test_poses_do_not_depend_on_the_sign_of_quaternions():
     hand = Point("hand", (0, 1, 2), (3, 4, 5, 6))
     poses = poses_of(Scene(np.zeros((20, 2, 3)), np.stack([turns, turns], axis=1)), hand)
     np.testing.assert_allclose(poses[:, 3:], vectors, atol=1e-12)
+
+
+def test_poses_add_up_turns_about_the_axes_of_the_world():
+    rotations = Rotation.from_rotvec(np.random.default_rng(0).uniform(-0.4, 0.4, (20, 3)))
+    turns = np.roll(rotations.as_quat(), 1, axis=1)
+    hand = Point("hand", (0, 1, 2), (3, 4, 5, 6))
+    poses = poses_of(Scene(np.zeros((20, 2, 3)), np.stack([turns, turns], axis=1)), hand)
+    changes = (rotations[1:] * rotations[:-1].inv()).as_rotvec()
+    np.testing.assert_allclose(np.diff(poses[:, 3:], axis=0), changes, atol=1e-12)
+    np.testing.assert_allclose(poses[0, 3:], rotations[0].as_rotvec(), atol=1e-12)
