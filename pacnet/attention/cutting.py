@@ -2,8 +2,9 @@
 
 Of the landmarks at rest it is the one that is attained first. A landmark is attained when the moved
 point comes near, or when it is set in motion, or, where neither happens, at the least distance. A
-landmark that moves is carried or pushed, and no place to go to. A segment is a stretch in which the
-landmark is the same. All distances are shares of what was shown, and all numbers of frames times.
+landmark that moves is carried or pushed, and no place to go to. Neither is one that the moved point
+never approaches. A segment is a stretch in which the landmark is the same. All distances are shares
+of what was shown, and all numbers of frames times.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ _NEAR = 0.3  # share of the scene's size at which a landmark is near, at most
 _SHARE = 0.35  # of the farthest distance from a landmark that is left where it is near
 _CLOSE = 0.05  # share of the scene's size that is near in any case
 _REACH = 0.6  # share of the scene's size within which what is set in motion was set so on purpose
+_APPROACHED = 0.75  # of the farthest distance so far: nearer, a landmark was approached
 _TOGETHER = 0.125  # [s] within which two landmarks are attained at once; the nearer one counts
 _SHORTEST = 0.075  # [s] of a segment
 
@@ -66,6 +68,9 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
 def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
     """Return the landmark that the moved point is on its way to, `[T]`, −1 for none.
 
+    There is none where all landmarks move, or where the moved point approaches none of the others
+    in the whole demonstration.
+
     Args:
         places: of the moved point and M landmarks, `[T, 1 + M, 3]`.
         size: of the scene.
@@ -73,17 +78,25 @@ def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
     """
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
     moves = carried(places, size, fps)
+    possible = _gone_to(distances, moves, size) & ~moves
     together = max(1, round(_TOGETHER * fps))
     frames, landmarks = distances.shape
     attained = np.full(frames, -1)
     for frame in range(frames):
         best = (frames, np.inf)
         for number in range(landmarks):
-            if not moves[frame, number]:
+            if possible[frame, number]:
                 first, least = _attained(distances[:, number], moves[:, number], frame, size)
                 if (first // together, least) < best:
                     best, attained[frame] = (first // together, least), number
     return _without_short(attained, max(1, round(_SHORTEST * fps)))
+
+
+def _gone_to(distances: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[np.bool_]:
+    """Return whether the moved point ever approaches each landmark or sets it in motion, `[M]`."""
+    farthest = np.maximum.accumulate(distances, axis=0)
+    near = distances <= np.maximum(_APPROACHED * farthest, _CLOSE * size.extent)
+    return np.logical_or.reduce(near | moves, axis=0)
 
 
 def _attained(

@@ -24,15 +24,24 @@ def fit_alike(sent: Array, before: Array, changes: Array) -> Array:
         changes: to be explained, `[N, S]`.
     """
     straight = np.eye(changes.shape[1])
-    law, error = _fit(sent, before, changes, straight)
-    gain, lag = law
-    rest = sent.T @ (changes - lag * before)
-    left, _, right = np.linalg.svd(rest)  # orthogonal Procrustes problem
-    axes = left @ right
+    (gain, lag), error = _fit(sent, before, changes, straight)
+    axes = _turned(sent, before, changes)
     turned, error_turned = _fit(sent, before, changes, axes)
     if error_turned < _TURNED * error:
         (gain, lag), straight = turned, axes
     return np.concatenate([gain * straight, lag * np.eye(changes.shape[1])])
+
+
+def _turned(sent: Array, before: Array, changes: Array) -> Array:
+    """Return axes at right angles `[K, S]` along which actions explain most of the changes.
+
+    What the last change says of either is taken away first: smooth actions are much like it.
+    """
+    both = np.concatenate([sent, changes], axis=1)
+    known = np.linalg.lstsq(before, both, rcond=None)[0]
+    sent, changes = np.split(both - before @ known, [sent.shape[1]], axis=1)
+    left, _, right = np.linalg.svd(sent.T @ changes)  # orthogonal Procrustes problem
+    return left @ right
 
 
 def _fit(sent: Array, before: Array, changes: Array, axes: Array) -> tuple[Array, float]:
@@ -43,7 +52,8 @@ def _fit(sent: Array, before: Array, changes: Array, axes: Array) -> tuple[Array
     found: Array = np.zeros(2)
     error = 0.0
     for _ in range(_ROUNDS):
-        found = np.linalg.lstsq(inputs * weight[:, None], wanted * weight, rcond=None)[0]
+        solved = np.linalg.lstsq(inputs * weight[:, None], wanted * weight, rcond=None)
+        found = solved[0].astype(np.float64)
         residual = np.abs(wanted - inputs @ found)
         error = float(np.median(residual))
         limit = _OUTLYING * error + 1e-12 * float(np.abs(wanted).max(initial=0.0)) + 1e-300

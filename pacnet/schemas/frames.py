@@ -40,9 +40,10 @@ class FramesConfig:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         count, pose = len(self.points.names), len(pose_dimensions(self.points.moved))
         gains = [gain for pair in self.smoothing for gain in pair]
-        pairs = len(gains) == 2 * len(self.smoothing) == 2 * count
+        pairs = [len(pair) for pair in self.smoothing] == [2] * count
         of_others = all(is_integer(one, 0) for one in self.others)
-        apart = of_others and not {*self.others} & {*self.points.used}
+        differ = of_others and len({*self.others}) == len(self.others)
+        apart = differ and not {*self.others} & {*self.points.used}
         ranges = all(is_number(one) and one > 0 for one in self.ranges)
         states = self.forward_model.state_dimensions
         checks = {
@@ -51,7 +52,7 @@ class FramesConfig:
                 pairs and all(is_number(gain) and 0 <= gain <= 1 for gain in gains),
                 f"as {count} pairs from 0 to 1",
             ),
-            "others": (apart, "as dimensions that are no points"),
+            "others": (apart, "as different dimensions that are no points"),
             "ranges": (ranges and len(self.ranges) == len(self.others), "above 0, of the others"),
             "forward_model": (states == pose, f"of the {pose} dimensions of the moved point"),
         }

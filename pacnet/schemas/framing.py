@@ -132,7 +132,6 @@ def _in_order(number: Numbers) -> tuple[Numbers, Numbers]:
 def _shares(place: Array, first: NDArray[np.int64], end: NDArray[np.int64]) -> Array:
     """Return the share of its segment's path that is over at each row, `[R]`."""
     steps = np.linalg.norm(np.diff(place, axis=0, prepend=place[:1]), axis=1)
-    steps[first] = 0
     way = steps.cumsum()
     frames = end - first
     begin, whole = way[first].repeat(frames), (way[end - 1] - way[first]).repeat(frames)
@@ -151,6 +150,6 @@ def _usual(landmark: Numbers, number: Numbers, shown: Shown) -> NDArray[np.bool_
     for one in set(shown.task.tolist()):
         alike = np.flatnonzero((shown.task == one) & ~shown.correction)
         if len(alike) >= _ENOUGH:
-            most, _ = Counter(ways[index] for index in alike).most_common(1)[0]
-            usual[alike] = [ways[index] == most for index in alike]
+            most, count = Counter(ways[index] for index in alike).most_common(1)[0]
+            usual[alike] = [2 * count <= len(alike) or ways[index] == most for index in alike]
     return usual[number]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _THIRD = 0.6745 * 20**0.5  # median size of third differences of white noise of deviation 1
-_SPANS = (5, 10, 20)  # frames over which a change of speed is looked for
+_SHORTEST = 5  # frames over which a change of speed is looked for, and twice as many, and so on
 _CERTAIN = 1.5  # times as much as noise alone would give
 _CLEAR = 0.9  # alpha from which nothing is smoothed
 
@@ -36,7 +36,10 @@ def _gains(places: Sequence[Array]) -> tuple[float, float]:
     if len(thirds) == 0:
         return 1.0, 1.0
     noise = max(float(np.median(np.abs(thirds), axis=0).max()) / _THIRD, 1e-300)
-    change = max((_change_of_speed(places, noise, span) for span in _SPANS), default=0.0)
+    longest, change, span = max(map(len, places)), 0.0, _SHORTEST
+    while 3 * span <= longest:
+        change = max(change, _change_of_speed(places, noise, span))
+        span *= 2
     index = change / noise
     root = (4 + index - np.sqrt(8 * index + index**2)) / 4 if index < 1e6 else 0.0
     alpha = float(1 - root**2)
@@ -51,8 +54,6 @@ def _change_of_speed(places: Sequence[Array], noise: float, span: int) -> float:
         for episode in places
         if len(episode) > 2 * span
     ]
-    if not changes:
-        return 0.0
     squared = np.square(np.concatenate(changes)).mean(axis=0).max()
     return float(np.sqrt(max(0.0, squared - _CERTAIN * 6 * noise**2))) / span**2
 
