@@ -51,7 +51,7 @@ def follow(places, turns, others, segments, allowed, state, settings, model, act
         allowed: whether each segment may be followed, bool `[S]`.
         state: `FramedState`, which changes; without a segment afterwards if there is none.
         settings: `FramedSettings`.
-        model: `AffineArrays`.
+        model: `AffineArrays`; its range of actions is that of relative ones.
         action: where to write, `[U]`.
     """
     _look(places, turns, settings.smoothing, state)
@@ -347,7 +347,8 @@ def _correct(pose, model, state, action):
             for k in range(len(pose)):
                 change -= model.lag[i, k] * state.velocity[pose[k]]
             value += model.inverse[j, i] * change
+        action[j] = min(max(value, model.lowest[j]), model.highest[j])
         if model.follows[j] >= 0:
             at = pose[model.follows[j]]
-            value += state.places[0, at] if at < 3 else to_vector(turn_of(state.turns, 0))[at - 3]
-        action[j] = min(max(value, model.lowest[j]), model.highest[j])
+            turn = to_vector(turn_of(state.turns, 0))
+            action[j] += state.places[0, at] if at < 3 else turn[at - 3]

@@ -23,6 +23,7 @@ from pacnet.schemas.segments import SegmentMemory, Segments
 from pacnet.schemas.smoothing import smooth
 
 _LEAST_GAIN = 0.1  # of the largest: what actions move less is not corrected
+_ALIKE = 0.5  # least ratio of what two actions move, for them to have the same range
 
 
 class FramedKnown(NamedTuple):
@@ -104,7 +105,7 @@ class FramedSchemas(nn.Module):
         follower.make_room(segments)
         return FramedKnown(
             segments,
-            _inverted(self.forward_model.arrays()),
+            _for_following(self.forward_model.arrays(), segments.action, self.config),
             bounds_of(segments),
             allowed[segments.demonstration],
             follower,
@@ -116,6 +117,27 @@ class FramedSchemas(nn.Module):
         self._framed = []
 
 
-def _inverted(model: AffineArrays) -> AffineArrays:
-    """Return the model with the plain inverse of its gain, that makes good all of a deviation."""
-    return model._replace(inverse=np.linalg.pinv(model.gain, rcond=_LEAST_GAIN))
+def _for_following(
+    model: AffineArrays, actions: NDArray[np.float64], config: FramesConfig
+) -> AffineArrays:
+    """Return the model that following works with.
+
+    Its inverse is the plain one of its gain, that makes good all of a deviation. Its range is that
+    of relative actions, the same in all directions: a demonstration that only went up can go down.
+
+    Args:
+        model: as it was fitted.
+        actions: shown, relative to the place where an action is a place, `[R, U]`.
+        config: of the frames.
+    """
+    inverse = np.linalg.pinv(model.gain, rcond=_LEAST_GAIN)
+    places = config.points.dimensions
+    shift = np.linalg.norm(model.gain[:places], axis=0) / config.size.extent
+    spin = np.linalg.norm(model.gain[places:], axis=0)
+    effect, turns = np.maximum(shift, spin), spin > shift
+    ratio = effect[:, None] / np.maximum(effect, 1e-300)
+    alike = (ratio >= _ALIKE) & (ratio <= 1 / _ALIKE) & (turns[:, None] == turns)
+    reach = np.where(alike, np.abs(actions).max(axis=0)[:, None], 0.0).max(axis=0)
+    lowest = np.where(effect > 0, -reach, model.lowest)
+    highest = np.where(effect > 0, reach, model.highest)
+    return model._replace(inverse=inverse, lowest=lowest, highest=highest)
