@@ -96,6 +96,7 @@ def forward_model_for(
         len(demonstrations.action_names),
         lead,
         _whole(follows, np.concatenate(poses), len(moved)),
+        turns=states[0].shape[1] - len(moved),
     )
     return AffineForwardModel(config)
 
