@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import nn
+from torch import Tensor, nn
 
 from pacnet.attention.cutting import cut
 from pacnet.competition.framed_following import FramedFollower
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure, part_of
 from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.forward_models.affine import AffineForwardModel
 from pacnet.forward_models.affine_arrays import AffineArrays
@@ -57,6 +59,7 @@ class FramedSchemas(nn.Module):
         self.segments = SegmentMemory(len(config.points.landmarks))
         self.forward_model = AffineForwardModel(config.forward_model)
         self._framed: list[Framed] = []  # derived from the demonstrations
+        check_on_load(self)
 
     def fit(self, demonstrations: Demonstrations) -> None:
         """Fit the forward model to continuous demonstrations."""
@@ -91,9 +94,9 @@ class FramedSchemas(nn.Module):
         Raises:
             ValueError: cuts that are not of these demonstrations.
         """
-        for part in (self.segments, self.forward_model):
-            part.check_state(part.state_dict())
-        self.segments.check_cuts(shown.frames)
+        tensors = self.state_dict()
+        self.check_state(tensors)
+        self.check_cuts(tensors, np.diff(shown.first), shown.frames)
         if len(shown.frames) == 0:
             return None
         for number in range(len(self._framed), len(shown.frames)):
@@ -111,6 +114,28 @@ class FramedSchemas(nn.Module):
             follower,
             shown.first,
         )
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+        check_structure(self, tensors)  # all but the forward model
+        self.forward_model.check_state(part_of(tensors, "forward_model."))
+
+    def check_cuts(
+        self,
+        tensors: Mapping[str, Tensor],
+        rows: NDArray[np.int64],
+        frames: NDArray[np.int64],
+    ) -> None:
+        """Raise a ValueError unless demonstrations are whole and cut whole.
+
+        Args:
+            tensors: a state that was checked.
+            rows: that are kept of each demonstration, `[E]`.
+            frames: that were shown, `[E]`.
+        """
+        check_conditions({"all rows of demonstrations": bool((rows == frames).all())})
+        columns = part_of(tensors, "segments.rows.")
+        self.segments.check_cuts(frames, {name: one.numpy() for name, one in columns.items()})
 
     def forget_derived(self) -> None:
         """Derive all anew from the demonstrations, which have changed."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pacnet.imitator.novelty import NoveltyScore
 from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.scene import scene_of
 from pacnet.schemas.segments import Segments
 
 Array = NDArray[np.float64]
@@ -73,3 +74,18 @@ def score(places: Array, others: Array, bounds: Bounds, config: FramesConfig) ->
     unit = config.ranges[most]
     limit = float(half[most] * unit)
     return NoveltyScore(float(ratio[most]), config.others[most], float(away[most] * unit), limit)
+
+
+def novelty_of(
+    percepts: NDArray[np.float32], bounds: Bounds, config: FramesConfig
+) -> NDArray[np.float64]:
+    """Return the novelty of each percept `[T, D]`, as `score` gives it, `[T]`."""
+    places = scene_of(percepts, config.points).places
+    distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2).max(axis=1)
+    infinite = np.full(len(percepts), math.inf)
+    novelty = distances / bounds.farthest if bounds.farthest > 0 else infinite
+    if len(config.others) == 0:
+        return novelty
+    others = percepts[:, config.others].astype(np.float64) / config.ranges
+    middle, half = (bounds.high + bounds.low) / 2, (bounds.high - bounds.low) / 2
+    return np.maximum(novelty, (np.abs(others - middle) / half).max(axis=1))
