@@ -58,7 +58,8 @@ class FramedSchemas(nn.Module):
         self.config, self.fps = config, fps
         self.segments = SegmentMemory(len(config.points.landmarks))
         self.forward_model = AffineForwardModel(config.forward_model)
-        self._framed: list[Framed] = []  # derived from the demonstrations
+        self._framed: list[Framed] = []  # derived from the demonstrations, as the next
+        self._derived: tuple[Shown, Segments, Bounds] | None = None
         check_on_load(self)
 
     def fit(self, demonstrations: Demonstrations) -> None:
@@ -99,21 +100,28 @@ class FramedSchemas(nn.Module):
         self.check_cuts(tensors, np.diff(shown.first), shown.frames)
         if len(shown.frames) == 0:
             return None
-        for number in range(len(self._framed), len(shown.frames)):
-            rows = slice(shown.first[number], shown.first[number + 1])
-            percepts = shown.percepts[rows] * unit
-            self._framed.append(framed(percepts, shown.targets[rows], self.config, self.fps))
-        cuts = self.segments.columns()
-        segments = segments_of(self._framed, cuts, shown, self.config.size.extent)
+        segments, bounds = self._derive(shown, unit)
         follower.make_room(segments)
         return FramedKnown(
             segments,
             _for_following(self.forward_model.arrays(), segments.action, self.config),
-            bounds_of(segments),
+            bounds,
             allowed[segments.demonstration],
             follower,
             shown.first,
         )
+
+    def _derive(self, shown: Shown, unit: NDArray[np.float64]) -> tuple[Segments, Bounds]:
+        """Return the segments of these demonstrations, and the bounds of what was shown."""
+        if self._derived is None or self._derived[0] is not shown:
+            for number in range(len(self._framed), len(shown.frames)):
+                rows = slice(shown.first[number], shown.first[number + 1])
+                percepts = shown.percepts[rows] * unit
+                self._framed.append(framed(percepts, shown.targets[rows], self.config, self.fps))
+            cuts = self.segments.columns()
+            segments = segments_of(self._framed, cuts, shown, self.config.size.extent)
+            self._derived = shown, segments, bounds_of(segments)
+        return self._derived[1:]
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
@@ -139,7 +147,7 @@ class FramedSchemas(nn.Module):
 
     def forget_derived(self) -> None:
         """Derive all anew from the demonstrations, which have changed."""
-        self._framed = []
+        self._framed, self._derived = [], None
 
 
 def _for_following(

@@ -29,10 +29,10 @@ class Bounds(NamedTuple):
 
     farthest: float
     """Distance of a landmark from the moved point above which it is novel."""
-    low: Array
-    """Of what is no point, in shares of its range, `[Q]`."""
-    high: Array
-    """`[Q]`."""
+    middle: Array
+    """Of the range of what is no point, in shares of that range, `[Q]`."""
+    half: Array
+    """Half of that range, and how far beyond it something is known, `[Q]`."""
 
 
 def bounds_of(segments: Segments) -> Bounds:
@@ -40,7 +40,7 @@ def bounds_of(segments: Segments) -> Bounds:
     places = segments.places
     apart = np.linalg.norm(places[:, None] - places[:, :, None], axis=3).max()
     low, high = segments.others.min(axis=0), segments.others.max(axis=0)
-    return Bounds(_FAR * float(apart), low - _BEYOND, high + _BEYOND)
+    return Bounds(_FAR * float(apart), (high + low) / 2, (high - low) / 2 + _BEYOND)
 
 
 def score(places: Array, others: Array, bounds: Bounds, config: FramesConfig) -> NoveltyScore:
@@ -56,24 +56,25 @@ def score(places: Array, others: Array, bounds: Bounds, config: FramesConfig) ->
         Deviation and threshold in the percept's own units: of a landmark that is too far away, in
         the dimension where it is farthest.
     """
-    apart = places[1:] - places[0]
-    distances = np.sqrt((apart * apart).sum(axis=1))
-    far = int(distances.argmax())
-    novelty = float(distances[far]) / bounds.farthest if bounds.farthest > 0 else math.inf
-    axis = int(np.abs(apart[far]).argmax())
+    far, most = 0, -1.0
+    (x, y, z), *landmarks = places.tolist()
+    for number, (u, v, w) in enumerate(landmarks):
+        distance = math.sqrt((u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
+        if distance > most:
+            far, most = number, distance
+    novelty = most / bounds.farthest if bounds.farthest > 0 else math.inf
+    if len(others) > 0:
+        away = others - bounds.middle
+        ratio = np.abs(away) / bounds.half
+        other = int(ratio.argmax())
+        if ratio[other] > novelty:
+            unit = config.ranges[other]
+            deviation, limit = float(away[other] * unit), float(bounds.half[other] * unit)
+            return NoveltyScore(float(ratio[other]), config.others[other], deviation, limit)
+    apart = places[far + 1] - places[0]
+    axis = int(np.abs(apart).argmax())
     dimension = config.points.landmarks[far].place[axis]
-    best = NoveltyScore(novelty, dimension, float(apart[far, axis]), bounds.farthest)
-    if len(others) == 0:
-        return best
-    middle, half = (bounds.high + bounds.low) / 2, (bounds.high - bounds.low) / 2
-    away = others - middle
-    ratio = np.abs(away) / half
-    most = int(ratio.argmax())
-    if ratio[most] <= novelty:
-        return best
-    unit = config.ranges[most]
-    limit = float(half[most] * unit)
-    return NoveltyScore(float(ratio[most]), config.others[most], float(away[most] * unit), limit)
+    return NoveltyScore(novelty, dimension, float(apart[axis]), bounds.farthest)
 
 
 def novelty_of(
@@ -87,5 +88,4 @@ def novelty_of(
     if len(config.others) == 0:
         return novelty
     others = percepts[:, config.others].astype(np.float64) / config.ranges
-    middle, half = (bounds.high + bounds.low) / 2, (bounds.high - bounds.low) / 2
-    return np.maximum(novelty, (np.abs(others - middle) / half).max(axis=1))
+    return np.maximum(novelty, (np.abs(others - bounds.middle) / bounds.half).max(axis=1))
