@@ -75,6 +75,7 @@ def _describe_imitator(imitator: Imitator) -> dict[str, Any]:
     config, memory = imitator.config, imitator.memory
     scale = config.scaling.scale
     thresholds = imitator.novelty_detector.thresholds.double().numpy() / scale
+    judged = len(memory) > 0 and imitator.frames is None  # by each dimension for itself
     return {
         "fps": config.fps,
         "nodes": len(imitator.sofm),
@@ -88,7 +89,7 @@ def _describe_imitator(imitator: Imitator) -> dict[str, Any]:
         "forward_model": describe_forward_model(imitator),
         "budget": config.budget,
         "percept": _by_feature(config.percepts, scale),
-        "thresholds": _by_feature(config.percepts, thresholds.tolist()) if len(memory) else None,
+        "thresholds": _by_feature(config.percepts, thresholds.tolist()) if judged else None,
         "action": list(config.action),
         "positions": _positions(imitator),
         "positions_lead": config.follows_after if config.targets == "action" else None,

@@ -121,7 +121,8 @@ class AffineForwardModel(SavedModel):
         for state, action in zip(states, actions, strict=True):
             self._check(states=state, actions=action)
         places, sent = ([_array(one) for one in rows] for rows in (states, actions))
-        law = fit_law(places, sent, self.config)
+        config = self.config
+        law = fit_law(places, sent, config.follows, config.lead, config.turns)
         with torch.inference_mode(False), defer_sigint(), self._lock:
             self._buffers.update(self._tensors(law, np.concatenate(sent)))
         return self.explained.clone()

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from pacnet.forward_models.affine_alike import fit_alike
 from pacnet.forward_models.affine_rows import Array, Rows, rows_of
-from pacnet.forward_models.config import AffineForwardModelConfig
 
 _RIDGES = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # in shares of each input's variance
 _WORSE = 0.02  # log of a held-out error's ratio, summed over the state; less is no difference
@@ -70,40 +69,80 @@ class _Moments(NamedTuple):
         return prior + np.linalg.solve(scaled, rest) / size[:, None]
 
 
+class _Fit(NamedTuple):
+    """What was fitted to a part of the state, s of its dimensions."""
+
+    coefficients: Array  # [U + s, s]
+    drift: Array  # [s]
+    kept: NDArray[np.bool_]  # [U]
+    error: Array  # [s], held out
+
+
 def fit_law(
-    states: Sequence[Array], actions: Sequence[Array], config: AffineForwardModelConfig
+    states: Sequence[Array],
+    actions: Sequence[Array],
+    follows: Sequence[int],
+    lead: int,
+    turns: int = 0,
 ) -> Law:
     """Fit the law to episodes, states `[T, S]` and actions `[T, U]` each.
+
+    Args:
+        states: of each episode.
+        actions: of each.
+        follows: for each action the dimension of the state that it is a place of, −1 for none.
+        lead: frames.
+        turns: how many of the state's last dimensions are turns; they are fitted apart, since a
+            hand turns otherwise than it moves.
 
     Raises:
         ValueError: fewer frames than two blocks need; see `least_frames`.
     """
-    follows, lead = config.follows, config.lead
     rows = rows_of(states, actions, follows, lead)
     if rows.part.max(initial=0) < 1:
         raise ValueError(
             f"expected an episode of at least {least_frames(lead)} frames to fit {lead} frames "
             f"ahead, got {[len(one) for one in states]}"
         )
-    place = np.array(follows)
-    regression = _Regression(rows, place, one_unit=config.one_unit)
+    count, size = len(follows), rows.changes.shape[1]
+    gain, lag, drift = np.zeros((size, count)), np.zeros((size, size)), np.zeros(size)
+    kept, error = np.zeros(count, bool), np.zeros(size)
+    for part in filter(len, (range(size - turns), range(size - turns, size))):
+        of = slice(part.start, part.stop)
+        fit = _fit(*_part_of(rows, np.array(follows), part), is_place=part.start == 0)
+        gain[of], lag[of, of] = fit.coefficients[:count].T, fit.coefficients[count:].T
+        drift[of], error[of] = fit.drift, fit.error
+        kept |= fit.kept
+    square = np.square(rows.changes[rows.part >= 0]).mean(axis=0)
+    explained = np.where(square > 0, 1 - error / np.where(square > 0, square, 1), 0.0)
+    spread = np.sqrt(np.square(rows.inputs[:, :count]).mean(axis=0))
+    weight = np.where(square > 0, 1 / np.maximum(error, _LEAST_ERROR * square + 1e-300), 0.0)
+    return Law(gain, lag, drift, _invert(gain, weight, spread, kept), kept, error, explained)
+
+
+def _part_of(rows: Rows, place: NDArray[np.int64], part: range) -> tuple[Rows, NDArray[np.int64]]:
+    """Return the moments of some dimensions of the state, and what actions are places of there."""
+    inside = (place >= part.start) & (place < part.stop)
+    columns = [*range(len(place)), *(len(place) + dimension for dimension in part)]
+    of_part = rows._replace(inputs=rows.inputs[:, columns], changes=rows.changes[:, [*part]])
+    return of_part, np.where(inside, place - part.start, -1)
+
+
+def _fit(rows: Rows, place: NDArray[np.int64], *, is_place: bool) -> _Fit:
+    """Fit the law to moments; the simpler one, if that is hardly worse, where it may be."""
+    regression = _Regression(rows, place)
     kept, ridge = _choose(regression, place)
     coefficients, drift = regression.solve(regression.everything, kept, ridge)
     error = regression.held_out_error(kept, ridge)
     first = np.arange(len(place)) < len(error)  # a hand's place before its gripper, as is usual
-    for movers in (first, kept):
-        if config.one_unit and _are_alike(movers, place, len(error)):
+    for movers in (first, kept) if is_place else ():
+        if _are_alike(movers, place, len(error)):
             simple = _held_out_alike(rows, movers)
             if _log_ratio(simple, error, rows) < _SIMPLER * len(error):
                 coefficients, drift = _alike(rows, movers, slice(None)), np.zeros(len(error))
                 kept, error = movers, simple
                 break
-    square = np.square(rows.changes[rows.part >= 0]).mean(axis=0)
-    explained = np.where(square > 0, 1 - error / np.where(square > 0, square, 1), 0.0)
-    gain, lag = coefficients[: len(place)].T, coefficients[len(place) :].T
-    spread = np.sqrt(np.square(rows.inputs[:, : len(place)]).mean(axis=0))
-    weight = np.where(square > 0, 1 / np.maximum(error, _LEAST_ERROR * square + 1e-300), 0.0)
-    return Law(gain, lag, drift, _invert(gain, weight, spread, kept), kept, error, explained)
+    return _Fit(coefficients, drift, kept, error)
 
 
 def _are_alike(kept: NDArray[np.bool_], place: NDArray[np.int64], states: int) -> bool:
@@ -144,8 +183,8 @@ def least_frames(lead: int) -> int:
 class _Regression:
     """Ridge regressions of some inputs, from sums over the parts that are not held out."""
 
-    def __init__(self, rows: Rows, place: NDArray[np.int64], *, one_unit: bool) -> None:
-        self._rows, self._place, self._one_unit = rows, place, one_unit
+    def __init__(self, rows: Rows, place: NDArray[np.int64]) -> None:
+        self._rows, self._place = rows, place
         self.states = rows.changes.shape[1]
         used = range(int(rows.part.max()) + 1)
         self._of_part = [self._sums(rows.part == part) for part in used]
@@ -167,8 +206,8 @@ class _Regression:
         moments = _Moments(covariance[np.ix_(of, of)], covariance[of, count:], int(kept.sum()))
         coefficients = np.zeros((count, self.states))
         place = self._place[kept]
-        alike = self._one_unit and len(place) == self.states and not (place >= 0).any()
-        prior = _prior(moments, place) if self._one_unit else np.zeros(moments.changes.shape)
+        alike = len(place) == self.states and not (place >= 0).any()
+        prior = _prior(moments, place)
         coefficients[of] = moments.ridge(ridge, prior, alike=alike)
         return coefficients, mean[count:] - mean[:count] @ coefficients
 

@@ -82,8 +82,8 @@ class AffineForwardModelConfig:
         action_dimensions: length U of an action.
         lead: frames by which a target lies ahead.
         follows: for each action the dimension of the state that it is a place of, −1 for none.
-        one_unit: whether all dimensions of the state have one unit; where they have not, such as a
-            place and an orientation, none is presumed to be moved as far as another.
+        turns: how many of the state's last dimensions are turns, which are fitted apart from
+            places.
 
     Raises:
         ValueError: a field of another type or out of range.
@@ -93,7 +93,7 @@ class AffineForwardModelConfig:
     action_dimensions: int
     lead: int
     follows: tuple[int, ...]
-    one_unit: bool = True
+    turns: int = 0
 
     def __post_init__(self) -> None:
         """Validate the fields and turn the sequence into a tuple (JSON has lists)."""
@@ -103,8 +103,9 @@ class AffineForwardModelConfig:
         fits = isinstance(follows, tuple | list) and len(follows) == self.action_dimensions
         valid = fits and all(is_integer(place, -1) and place < states for place in follows)
         wanted = f"as {self.action_dimensions} dimensions of {states}, or −1"
-        is_flag = isinstance(self.one_unit, bool)
-        check_fields(self, {"follows": (valid, wanted), "one_unit": (is_flag, "as a bool")})
+        some = is_integer(self.turns, 0) and self.turns < states
+        checks = {"follows": (valid, wanted), "turns": (some, f"from 0 to {states - 1}")}
+        check_fields(self, checks)
         object.__setattr__(self, "follows", tuple(follows))
 
 

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from pacnet.attention.cutting import cut
 from pacnet.competition.framed_following import FramedFollower
-from pacnet.core.integrity import check_structure, part_of
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure, part_of
 from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.forward_models.affine import AffineForwardModel
 from pacnet.forward_models.affine_arrays import AffineArrays
@@ -60,7 +60,9 @@ class FramedSchemas(nn.Module):
         self.config, self.fps = config, fps
         self.segments = SegmentMemory(len(config.points.landmarks))
         self.forward_model = AffineForwardModel(config.forward_model)
-        self._framed: list[Framed] = []  # derived from the demonstrations
+        self._framed: list[Framed] = []  # derived from the demonstrations, as the next
+        self._derived: tuple[Shown, Segments, Bounds] | None = None
+        check_on_load(self)
 
     def fit(self, demonstrations: Demonstrations) -> None:
         """Fit the forward model to continuous demonstrations."""
@@ -95,35 +97,59 @@ class FramedSchemas(nn.Module):
         Raises:
             ValueError: cuts that are not of these demonstrations.
         """
-        for part in (self.segments, self.forward_model):
-            part.check_state(part.state_dict())
-        self.segments.check_cuts(shown.frames)
+        tensors = self.state_dict()
+        self.check_state(tensors)
+        self.check_cuts(tensors, np.diff(shown.first), shown.frames)
         if len(shown.frames) == 0:
             return None
-        for number in range(len(self._framed), len(shown.frames)):
-            rows = slice(shown.first[number], shown.first[number + 1])
-            percepts = shown.percepts[rows] * unit
-            self._framed.append(framed(percepts, shown.targets[rows], self.config, self.fps))
-        cuts = self.segments.columns()
-        segments = segments_of(self._framed, cuts, shown, self.config.size.extent)
+        segments, bounds = self._derive(shown, unit)
         follower.make_room(segments)
         return FramedKnown(
             segments,
             _for_frames(self.forward_model.arrays(), segments, self.config),
-            bounds_of(segments),
+            bounds,
             allowed[segments.demonstration],
             follower,
             shown.first,
         )
 
+    def _derive(self, shown: Shown, unit: NDArray[np.float64]) -> tuple[Segments, Bounds]:
+        """Return the segments of these demonstrations, and the bounds of what was shown."""
+        if self._derived is None or self._derived[0] is not shown:
+            for number in range(len(self._framed), len(shown.frames)):
+                rows = slice(shown.first[number], shown.first[number + 1])
+                percepts = shown.percepts[rows] * unit
+                self._framed.append(framed(percepts, shown.targets[rows], self.config, self.fps))
+            cuts = self.segments.columns()
+            segments = segments_of(self._framed, cuts, shown, self.config.size.extent)
+            self._derived = shown, segments, bounds_of(segments)
+        return self._derived[1:]
+
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
-        check_structure(self, tensors)
+        check_structure(self, tensors)  # all but the forward model
         self.forward_model.check_state(part_of(tensors, "forward_model."))
+
+    def check_cuts(
+        self,
+        tensors: Mapping[str, Tensor],
+        rows: NDArray[np.int64],
+        frames: NDArray[np.int64],
+    ) -> None:
+        """Raise a ValueError unless demonstrations are whole and cut whole.
+
+        Args:
+            tensors: a state that was checked.
+            rows: that are kept of each demonstration, `[E]`.
+            frames: that were shown, `[E]`.
+        """
+        check_conditions({"all rows of demonstrations": bool((rows == frames).all())})
+        columns = part_of(tensors, "segments.rows.")
+        self.segments.check_cuts(frames, {name: one.numpy() for name, one in columns.items()})
 
     def forget_derived(self) -> None:
         """Derive all anew from the demonstrations, which have changed."""
-        self._framed = []
+        self._framed, self._derived = [], None
 
 
 def _for_frames(model: AffineArrays, segments: Segments, config: FramesConfig) -> AffineArrays:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pacnet.imitator.novelty import NoveltyScore
 from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.scene import scene_of
 from pacnet.schemas.segments import Segments
 
 Array = NDArray[np.float64]
@@ -28,10 +29,10 @@ class Bounds(NamedTuple):
 
     farthest: float
     """Distance of a landmark from the moved point above which it is novel."""
-    low: Array
-    """Of what is no point, in shares of its range, `[Q]`."""
-    high: Array
-    """`[Q]`."""
+    middle: Array
+    """Of the range of what is no point, in shares of that range, `[Q]`."""
+    half: Array
+    """Half of that range, and how far beyond it something is known, `[Q]`."""
 
 
 def bounds_of(segments: Segments) -> Bounds:
@@ -39,7 +40,7 @@ def bounds_of(segments: Segments) -> Bounds:
     places = segments.places
     apart = np.linalg.norm(places[:, None] - places[:, :, None], axis=3).max()
     low, high = segments.others.min(axis=0), segments.others.max(axis=0)
-    return Bounds(_FAR * float(apart), low - _BEYOND, high + _BEYOND)
+    return Bounds(_FAR * float(apart), (high + low) / 2, (high - low) / 2 + _BEYOND)
 
 
 def score(places: Array, others: Array, bounds: Bounds, config: FramesConfig) -> NoveltyScore:
@@ -55,21 +56,36 @@ def score(places: Array, others: Array, bounds: Bounds, config: FramesConfig) ->
         Deviation and threshold in the percept's own units: of a landmark that is too far away, in
         the dimension where it is farthest.
     """
-    apart = places[1:] - places[0]
-    distances = np.sqrt((apart * apart).sum(axis=1))
-    far = int(distances.argmax())
-    novelty = float(distances[far]) / bounds.farthest if bounds.farthest > 0 else math.inf
-    axis = int(np.abs(apart[far]).argmax())
+    far, most = 0, -1.0
+    (x, y, z), *landmarks = places.tolist()
+    for number, (u, v, w) in enumerate(landmarks):
+        distance = math.sqrt((u - x) ** 2 + (v - y) ** 2 + (w - z) ** 2)
+        if distance > most:
+            far, most = number, distance
+    novelty = most / bounds.farthest if bounds.farthest > 0 else math.inf
+    if len(others) > 0:
+        away = others - bounds.middle
+        ratio = np.abs(away) / bounds.half
+        other = int(ratio.argmax())
+        if ratio[other] > novelty:
+            unit = config.ranges[other]
+            deviation, limit = float(away[other] * unit), float(bounds.half[other] * unit)
+            return NoveltyScore(float(ratio[other]), config.others[other], deviation, limit)
+    apart = places[far + 1] - places[0]
+    axis = int(np.abs(apart).argmax())
     dimension = config.points.landmarks[far].place[axis]
-    best = NoveltyScore(novelty, dimension, float(apart[far, axis]), bounds.farthest)
-    if len(others) == 0:
-        return best
-    middle, half = (bounds.high + bounds.low) / 2, (bounds.high - bounds.low) / 2
-    away = others - middle
-    ratio = np.abs(away) / half
-    most = int(ratio.argmax())
-    if ratio[most] <= novelty:
-        return best
-    unit = config.ranges[most]
-    limit = float(half[most] * unit)
-    return NoveltyScore(float(ratio[most]), config.others[most], float(away[most] * unit), limit)
+    return NoveltyScore(novelty, dimension, float(apart[axis]), bounds.farthest)
+
+
+def novelty_of(
+    percepts: NDArray[np.float32], bounds: Bounds, config: FramesConfig
+) -> NDArray[np.float64]:
+    """Return the novelty of each percept `[T, D]`, as `score` gives it, `[T]`."""
+    places = scene_of(percepts, config.points).places
+    distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2).max(axis=1)
+    infinite = np.full(len(percepts), math.inf)
+    novelty = distances / bounds.farthest if bounds.farthest > 0 else infinite
+    if len(config.others) == 0:
+        return novelty
+    others = percepts[:, config.others].astype(np.float64) / config.ranges
+    return np.maximum(novelty, (np.abs(others - bounds.middle) / bounds.half).max(axis=1))

@@ -11,7 +11,7 @@ from pacnet.imitator.framed_novelty import score
 from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.records import Followed, ImitatorStep
 from pacnet.schemas.frames import FramesConfig
-from pacnet.schemas.scene import scene_of
+from pacnet.schemas.scene import scene_at
 from pacnet.schemas.segments import NO_SEGMENT
 
 
@@ -33,13 +33,12 @@ def framed_step(
     """
     from pacnet.competition.framed_kernels import follow  # imports numba
 
-    scene = scene_of(percept[None], config.points)
+    places, turns = scene_at(percept, config.points)
     others = percept[list(config.others)].astype(np.float64) / config.ranges
     segments, state = known.segments, known.follower.state
     wanted = np.empty(segments.action.shape[1])
-    places = scene.places[0]
     follow(
-        places, scene.turns[0], others, segments, known.allowed, state,
+        places, turns, others, segments, known.allowed, state,
         known.follower.settings, known.model, wanted,
     )  # fmt: skip
     found = score(places, others, known.bounds, config)

@@ -26,6 +26,7 @@ MIN_EXPLAINED = 0.2  # share of the moved point's change that its actions must e
 _LEAD = 0.0625  # [s] over which an action shows its effect
 _SHARE = 0.1  # of its largest size, which is the least range of what is no point
 _LEAST_RANGE = 2.0  # the same, in deviations of the percepts' scale
+_MOVES = 0.05  # of the largest range of a pose's dimensions: of less it does not move
 
 
 def choose_frames(
@@ -96,10 +97,30 @@ def forward_model_for(
         len(pose_dimensions(points.moved)),
         len(demonstrations.action_names),
         lead,
-        follows,
-        one_unit=not points.moved.orientation,
+        _whole(follows, np.concatenate(poses), len(moved)),
+        turns=states[0].shape[1] - len(moved),
     )
     return AffineForwardModel(config)
+
+
+def _whole(follows: tuple[int, ...], poses: Array, places: int) -> tuple[int, ...]:
+    """Return what actions are places of, without what is so by chance.
+
+    A robot is told where to go in all dimensions that move, each by one action, or in none.
+
+    Args:
+        follows: for each action the dimension of the pose, −1 for none.
+        poses: of all frames, `[T, S]`.
+        places: number of the pose's dimensions that are a place; the others are turns.
+    """
+    ranges, size = np.ptp(poses, axis=0), poses.shape[1]
+    by_chance = set[int]()
+    for part in (range(places), range(places, size)):
+        told = [dimension for dimension in follows if dimension in part]
+        move = {one for one in part if ranges[one] > _MOVES * max(ranges[list(part)])}
+        if len(set(told)) < len(told) or not move <= {*told}:
+            by_chance |= {*part}
+    return tuple(-1 if one in by_chance else one for one in follows)
 
 
 def fit_to_poses(

@@ -28,6 +28,7 @@ from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
 from pacnet.imitator.forward_model import fit
+from pacnet.imitator.framed_novelty import novelty_of
 from pacnet.imitator.framed_step import framed_step
 from pacnet.imitator.learning import Draft
 from pacnet.imitator.novelty import NOVEL
@@ -283,10 +284,15 @@ class Imitator(ImitatorState):
             shown, tasks = self.memory.shown(), self.tasks
             detector = snapshot_of(self.novelty_detector)
             attention = self.sofm.read(normalized)
+            framed = None if self.frames is None else self._current().framed
         factor = (self.sofm.scale.numpy() / self._scale).astype(np.float32)[None]
         recognizer = recognizer_of(shown, len(tasks), factor)
         probability, task, progress, soon, end, _ = recognizer.columns(normalized.numpy())
-        novelty = torch.from_numpy(detector.novelty(percepts.numpy() * self._scale, shown))
+        if framed is None or self.frames is None:
+            seen = detector.novelty(percepts.numpy() * self._scale, shown)
+        else:
+            seen = novelty_of(percepts.numpy(), framed.bounds, self.frames.config)
+        novelty = torch.from_numpy(seen.astype(np.float32))
         return Recognition(
             probability,
             task,
@@ -306,6 +312,21 @@ class Imitator(ImitatorState):
         ahead = targets_ahead(shown.state, config.lead)
         return torch.cat([ahead, shown.action[:, list(config.still_actions)]], dim=1)
 
+    def _largest_novelty(
+        self, percepts: Tensor, known: Known, without: float | None
+    ) -> float | None:
+        """Return the largest novelty of a demonstration, beside what was known before it.
+
+        Args:
+            percepts: `[T, D]`.
+            known: before it.
+            without: the same without frames of reference.
+        """
+        if self.frames is None or known.framed is None:
+            return without
+        novelty = novelty_of(percepts.numpy(), known.framed.bounds, self.frames.config)
+        return float(novelty.max())
+
     def _mean_first_action(self, shown: Demonstration) -> Tensor:
         """Return the mean first action `[U]` once this demonstration is learned."""
         starts = [report.first_frame == 0 for report in self.reports if not report.correction]
@@ -318,7 +339,7 @@ class Imitator(ImitatorState):
     def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> EpisodeReport:
         """Learn on a draft, which then replaces the state, all at once."""
         with self.learning_lock, short_switch_interval(), torch.inference_mode(False):
-            number, config = len(self.reports), self.config
+            number, config, known = len(self.reports), self.config, self._latest()
             correction = correction and number > 0  # the first has nothing to correct
             with self.state_lock:
                 draft = Draft(
@@ -339,7 +360,7 @@ class Imitator(ImitatorState):
                 new_nodes=int(observed.inserted.sum()),
                 nodes=len(draft.sofm),
                 novel_share=float(observed.novelty.float().mean()),
-                max_novelty=novelty,
+                max_novelty=self._largest_novelty(shown.percepts, known, novelty),
                 correction=correction,
                 first_frame=index(shown.first_frame),
             )

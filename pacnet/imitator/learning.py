@@ -56,16 +56,20 @@ class Draft:
             config: of the imitator.
 
         Returns:
-            What the map did, and the largest novelty before; None for the first demonstration.
+            What the map did, and the largest novelty before; None for the first demonstration, and
+            with frames of reference, where neither correction nor thresholds are used.
         """
         observed = self.sofm.update(self.sofm.normalize(percepts)).observation
         scaled = np.ascontiguousarray(percepts.numpy() * config.scaling.array)
-        novelty = self._relate(scaled, targets, task, config.fps)
+        novelty = None
+        if self.frames is None:
+            novelty = self._relate(scaled, targets, task, config.fps)
         changes = config.scaling.recent(config.fps).changes(scaled)
         changes = (changes * config.scaling.change_ratio).clip(-MAX_VALUE, MAX_VALUE)
         self.memory.append(scaled, changes.astype(np.float32), targets, task, correction)
         if self.frames is not None:
             self.frames.cut(len(self.memory) - 1, percepts.numpy())
+            return observed, novelty
         if config.budget is not None and len(self.memory.rows) > config.budget:
             self._forget(config.budget, self.sofm.scale / percepts.new_tensor(config.scaling.scale))
         if not correction and self.detector.is_due(len(self.memory)):

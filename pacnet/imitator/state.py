@@ -130,12 +130,17 @@ class ImitatorState(nn.Module):
         known, versions = self._known, self._versions
         if known is None or versions is None or not versions.unchanged():
             with self.state_lock:  # another thread may just have learned
-                versions = self._versions
-                if versions is None or not versions.unchanged():
-                    self._begin_again()  # rows may be others now
-                known = self._known
-                if known is None:
-                    self._known = known = self._take()
+                known = self._current()
+        return known
+
+    def _current(self) -> Known:
+        """Return what is known now; no thread may be changing it."""
+        versions = self._versions
+        if versions is None or not versions.unchanged():
+            self._begin_again()  # rows may be others now
+        known = self._known
+        if known is None:
+            self._known = known = self._take()
         return known
 
     def _take(self) -> Known:
@@ -261,6 +266,9 @@ class ImitatorState(nn.Module):
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         check_structure(self, tensors)
         check_conditions({"a finite first action": tensors["first_action"].isfinite().all()})
+        if self.frames is not None:
+            own, of = part_of(tensors, "frames."), part_of(tensors, "memory.demonstrations.")
+            self.frames.check_cuts(own, of["rows"].numpy(), of["frames"].numpy())
 
     def _check_reports(self, task: list[int], count: int) -> None:
         """Raise a ValueError unless each demonstration has a report, and its task's number."""

@@ -6,6 +6,8 @@ that follows is written once. Turns are unit quaternions in the order w, x, y, z
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from pacnet.schemas.points import Point, Points
 
 Array = NDArray[np.float64]
 
+_UNTURNED = (1.0, 0.0, 0.0, 0.0)
 WORLD = -1  # in place of a landmark: the percepts' own axes
 
 
@@ -46,6 +49,31 @@ def _turn(values: Array, point: Point) -> Array:
     vector = np.zeros((len(values), 3))
     vector[:, 3 - given.shape[1] :] = given  # an angle is about the last axis
     return from_vector(vector)
+
+
+def scene_at(percept: NDArray[np.floating], points: Points) -> tuple[Array, Array]:
+    """Return places `[P, 3]` and turns `[P, 4]` of one percept `[D]`, as `scene_of`, but sooner."""
+    values = percept.tolist()
+    places = np.zeros((len(points.landmarks) + 1, 3))
+    turns = []
+    for number, point in enumerate(points):
+        for axis, dimension in enumerate(point.place):
+            places[number, axis] = values[dimension]
+        turns.append(_turn_at([values[dimension] for dimension in point.orientation]))
+    return places, np.array(turns)
+
+
+def _turn_at(given: Sequence[float]) -> Sequence[float]:
+    """Return how a point is turned, a quaternion."""
+    if len(given) == 4:
+        length = math.sqrt(math.fsum(one * one for one in given))
+        return [one / length for one in given] if length >= 1e-6 else _UNTURNED
+    if not given:
+        return _UNTURNED
+    angle = math.sqrt(math.fsum(one * one for one in given))
+    factor = math.sin(angle / 2) / angle if angle > 1e-12 else 0.5
+    vector = [factor * one for one in given]
+    return [math.cos(angle / 2), *[0.0] * (3 - len(given)), *vector]
 
 
 def from_vector(vector: Array) -> Array:

@@ -101,9 +101,14 @@ class SegmentMemory(nn.Module):
         """Return a record of the state, to detect later that it was changed."""
         return BufferVersions(self)
 
-    def check_cuts(self, frames: Numbers) -> None:
-        """Raise a ValueError unless each of the demonstrations, of `[E]` frames, is cut whole."""
-        columns = self.columns()
+    def check_cuts(self, frames: Numbers, columns: Mapping[str, Numbers] | None = None) -> None:
+        """Raise a ValueError unless each of the demonstrations, of `[E]` frames, is cut whole.
+
+        Args:
+            frames: of each demonstration.
+            columns: as `columns` returns them, whose numbers are ≥ 0; None for those kept here.
+        """
+        columns = self.columns() if columns is None else columns
         cut = np.zeros(len(frames), np.int64)
         known = (columns["demonstration"] < len(frames)).all()
         if known:

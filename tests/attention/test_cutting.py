@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import CUP, GRASPED, HOME, PLATE, carrying, noisy, path, reaching
 
-from pacnet.attention.cutting import cut, measure, moving, runs
+from pacnet.attention.cutting import carried, cut, measure, runs
 from pacnet.schemas.smoothing import choose_smoothing, smooth
 
 CUP_NUMBER, PLATE_NUMBER, NONE = 0, 1, -1
@@ -49,7 +49,7 @@ def test_a_hand_that_reaches_is_on_its_way_to_one_landmark(fps: float):
 def test_what_is_fetched_is_a_landmark_until_it_is_carried(fps: float):
     places = carrying(fps)
     assert_carried(cuts_of(places, fps))
-    moves = moving(places[:, 1:], measure([places[:, 0]], fps), fps)
+    moves = carried(places[:, 1:], measure([places[:, 0]], fps), fps)
     middle = round((GRASPED + 0.6) * fps)  # amidst the way to the plate
     assert moves[middle].tolist() == [True, False]
     assert not moves[: round((GRASPED - TOLERANCE) * fps)].any()
@@ -76,7 +76,7 @@ def test_cuts_are_at_the_same_time_at_any_rate():
 def test_a_landmark_reported_late_has_not_moved(number: int, instead: tuple, fps: float):
     places = carrying(fps)
     places[0, 1 + number] = instead
-    moves = moving(places[:, 1:], measure([places[:, 0]], fps), fps)
+    moves = carried(places[:, 1:], measure([places[:, 0]], fps), fps)
     assert not moves[: round(fps)].any()
     assert_carried(cuts_of(places, fps))
 

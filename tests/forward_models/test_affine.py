@@ -109,7 +109,7 @@ def test_no_dimension_of_another_unit_is_presumed_to_move_as_far():
     law = torch.diag(torch.tensor([STEP, 1.0]))
     noise = torch.from_numpy(np.random.default_rng(0).normal(0, 2e-3, (90, 2))).float()
     states = moved(actions, law, lag=0.5) + noise
-    settings = AffineForwardModelConfig(2, 2, 1, (-1, -1), one_unit=False)
+    settings = AffineForwardModelConfig(2, 2, 1, (-1, -1), turns=1)
     gains = []
     for unit in (1.0, 1000.0):  # m, then mm
         model = AffineForwardModel(settings)
@@ -337,7 +337,7 @@ def test_a_saved_model_commands_the_same(tmp_path: Path):
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("one_unit", 1),
+        ("turns", 2),
         ("lead", 0),
         ("follows", (0,)),
         ("follows", (0, 2)),
