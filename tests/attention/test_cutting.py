@@ -49,7 +49,7 @@ def test_a_hand_that_reaches_is_on_its_way_to_one_landmark(fps: float):
 def test_what_is_fetched_is_a_landmark_until_it_is_carried(fps: float):
     places = carrying(fps)
     assert_carried(cuts_of(places, fps))
-    moves = carried(places[:, 1:], measure([places[:, 0]], fps), fps)
+    moves = carried(places, measure([places[:, 0]], fps), fps)
     middle = round((GRASPED + 0.6) * fps)  # amidst the way to the plate
     assert moves[middle].tolist() == [True, False]
     assert not moves[: round((GRASPED - TOLERANCE) * fps)].any()
@@ -76,7 +76,7 @@ def test_cuts_are_at_the_same_time_at_any_rate():
 def test_a_landmark_reported_late_has_not_moved(number: int, instead: tuple, fps: float):
     places = carrying(fps)
     places[0, 1 + number] = instead
-    moves = carried(places[:, 1:], measure([places[:, 0]], fps), fps)
+    moves = carried(places, measure([places[:, 0]], fps), fps)
     assert not moves[: round(fps)].any()
     assert_carried(cuts_of(places, fps))
 
