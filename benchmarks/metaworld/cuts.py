@@ -30,9 +30,9 @@ attention says that the hand is on its way to the landmark that a person says it
 frame either says that the hand sets out for which landmark. One demonstration of each of {count}
 tasks; the labels were written down from the trajectories before the cuts were seen, and not changed
 since. In all: {agree} of {frames} frames, {share:.1%}. Attention goes by places alone: it cuts once
-an object has moved, some frames after the command that a person goes by; what is reached with a tool
-and not with the hand, as the nail in hammer, is not attained; and an object at rest beside the hand
-counts again once it has been put where it shall be, or has slipped.
+an object has moved, some frames after the command that a person goes by; what is reached with a
+tool and not with the hand, as the nail in hammer, is not attained; and an object at rest beside the
+hand counts again once it has been put where it shall be, or has slipped.
 """
 
 
