@@ -1,26 +1,23 @@
 """What hangs a turned mug: the imitator with and without points, the nearest frame, and replay.
 
-The nearest frame is described relative to the hand, along the axes of the world or of the mug; in
-the latter case its action is turned with the mug too.
+Without points, or with places alone, the imitator is given percepts without orientations: those of
+mug and board would be novel in every new scene. The nearest frame is described relative to the
+hand, along the axes of the world or of the mug; in the latter case its action is turned with the
+mug too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.metaworld.baselines import Frames, Replay
-from benchmarks.turned_world import MARKS, Variant, turned
+from benchmarks.turned_world import MARKS, Floats, Variant, turned
 from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.imitator.imitator import Imitator
-from pacnet.imitator.points import find_points
-from pacnet.schemas.points import Points
-
-Floats = NDArray[np.floating]
 
 
 class Learner(Protocol):
@@ -43,18 +40,15 @@ class Imitating:
     """`pacnet.Imitator`.
 
     Args:
-        choose: which points it is given, of those that the names say.
+        points: which it is given: those that are found by their names, or none.
     """
 
-    def __init__(self, choose: Callable[[Points], Points | None]) -> None:
-        self._choose = choose
+    def __init__(self, points: Literal["auto"] | None = "auto") -> None:
+        self._points: Literal["auto"] | None = points
 
     def learn(self, demonstrations: Demonstrations) -> None:
         """Make an imitator and let it learn."""
-        found = find_points(demonstrations.percept_features, demonstrations.state_features).points
-        assert found is not None
-        points = self._choose(found)
-        self.imitator = Imitator.from_demonstrations(demonstrations, points=points)
+        self.imitator = Imitator.from_demonstrations(demonstrations, points=self._points)
         self.imitator.learn(demonstrations)
 
     def reset(self) -> None:
@@ -127,16 +121,48 @@ class Nearest:
         return np.append(turned(action[:size], yaw), action[size:])
 
 
-def without_orientations(points: Points) -> Points:
-    """Return the places of points alone."""
-    moved, *landmarks = (replace(point, orientation=()) for point in points)
-    return Points(moved, tuple(landmarks))
+class WithoutOrientations:
+    """A learner that does not perceive how mug and board are turned.
+
+    Args:
+        variant: of the world.
+        learner: what learns from the rest.
+    """
+
+    def __init__(self, variant: Variant, learner: Learner) -> None:
+        self._learner, self._names = learner, variant.percept_names
+        self._own = len(variant.state_names)
+        kept = [*range(self._own)]
+        for mark in MARKS:
+            first = self._names.index(f"{mark}.x")
+            kept += range(first, first + variant.dimensions)
+        self._kept = kept
+
+    def learn(self, demonstrations: Demonstrations) -> None:
+        """Let it learn from the rest of the percepts."""
+        of_surroundings = self._kept[self._own :]
+        columns = [number - self._own for number in of_surroundings]
+        feature = "observation.environment_state"
+        names = {**demonstrations.names, feature: tuple(self._names[i] for i in of_surroundings)}
+        episodes = tuple(
+            replace(one, environment_state=one.environment_state[:, columns])
+            for one in demonstrations
+        )
+        self._learner.learn(replace(demonstrations, names=names, episodes=episodes))
+
+    def reset(self) -> None:
+        """Start an episode."""
+        self._learner.reset()
+
+    def act(self, percept: Floats) -> Floats | None:
+        """Return its action; None to hold."""
+        return self._learner.act(percept[self._kept])
 
 
 LEARNERS: dict[str, Callable[[Variant], Learner]] = {
-    "`Imitator`": lambda _: Imitating(lambda points: points),
-    "its places alone": lambda _: Imitating(without_orientations),
-    "no points": lambda _: Imitating(lambda _: None),
+    "`Imitator`": lambda _: Imitating(),
+    "places alone": lambda variant: WithoutOrientations(variant, Imitating()),
+    "no points": lambda variant: WithoutOrientations(variant, Imitating(None)),
     "1-NN": lambda variant: Nearest(variant, of_mug=False),
     "1-NN, mug's axes": lambda variant: Nearest(variant, of_mug=True),
     "replay": lambda _: Replay(),

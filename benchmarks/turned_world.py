@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 FPS = 50
 SPEED, TURN_SPEED, CLOSING = 0.3, 1.5, 4.0  # at an action of 1 [m/s], [rad/s], [1/s]
@@ -84,6 +85,7 @@ class World:
         mug: place and yaw, `[4]`.
         board: place and yaw, `[4]`; the hook is in front of it.
         is_held: whether the hand holds the mug.
+        was_held: whether it has ever held it.
     """
 
     def __init__(self, variant: Variant, random: np.random.Generator) -> None:
@@ -95,10 +97,10 @@ class World:
         self.board = np.array([random.uniform(-0.3, 0.3), random.uniform(0.35, 0.5), high, 0.0])
         self.mug[3], self.board[3] = random.uniform(-TURN, TURN, 2)
         self.opening, self.is_held = 1.0, False
-        self._velocity, self._was_held = np.zeros(4), False
+        self._velocity, self.was_held = np.zeros(4), False
         self._hold = np.zeros(4)  # the mug's pose in the hand's axes
 
-    def step(self, action: Array) -> None:
+    def step(self, action: Floats) -> None:
         """Move on by a frame, with an action of as many numbers as the variant has names."""
         action, size = np.clip(action, -1, 1), self.variant.dimensions
         commanded = np.zeros(4)
@@ -110,11 +112,12 @@ class World:
         if self._is_blocked(new):
             self._velocity[:3], new[:3] = 0.0, self.hand[:3]
         self.hand = new
-        self.opening = float(np.clip(self.opening - CLOSING / FPS * action[-1], 0, 1))
-        self._grasp()
+        before = self.opening
+        self.opening = float(np.clip(before - CLOSING / FPS * action[-1], 0, 1))
+        self._grasp(closes=before >= HELD > self.opening)
         if self.is_held:
             self.mug = self.hand + np.append(turned(self._hold[:3], self.hand[3]), self._hold[3])
-        elif not self._was_held:
+        else:
             self._push()
 
     def percept(self) -> NDArray[np.float32]:
@@ -138,17 +141,17 @@ class World:
         """Whether the mug hangs on the hook, let go of."""
         near = np.linalg.norm(self.handle - in_front(self.board, HOOK)) < NEAR
         right = not self.variant.hand_turns or apart(self.mug[3], self.board[3]) < ALIGNED
-        return bool(self._was_held and not self.is_held and near and right)
+        return bool(self.was_held and not self.is_held and near and right)
 
-    def _grasp(self) -> None:
-        """Hold the mug or let it go."""
+    def _grasp(self, *, closes: bool) -> None:
+        """Hold the mug or let it go, as the gripper closes or has opened."""
         if self.is_held:
             self.is_held = self.opening < OPEN
             return
         near = np.linalg.norm(self.hand[:3] - self.handle) < NEAR
         right = not self.variant.hand_turns or apart(self.hand[3], self.mug[3]) < ALIGNED
-        if self.opening < HELD and near and right and not self._was_held:
-            self.is_held = self._was_held = True
+        if closes and near and right:
+            self.is_held = self.was_held = True
             self._hold = self.mug - self.hand
             self._hold[:3] = turned(self._hold[:3], -self.hand[3])
 
@@ -167,9 +170,10 @@ class World:
         return bool(before[1] * after[1] <= 0 and abs(after[0]) < BOARD)
 
 
-def turned(vector: Array, yaw: float) -> Array:
+def turned(vector: Floats, yaw: float) -> Array:
     """Return vectors `[..., 2 or 3]` turned about the last axis of space."""
     c, s = math.cos(yaw), math.sin(yaw)
+    vector = vector.astype(np.float64)
     x, y = vector[..., 0], vector[..., 1]
     return np.concatenate(
         [np.stack([c * x - s * y, s * x + c * y], axis=-1), vector[..., 2:]], axis=-1
