@@ -284,6 +284,9 @@ def _repeat(segment, others, segments, extent, state):
             if apart < least:
                 best, moment, least = s, row, apart
     _begin(best, moment, segments, state)
+    if best == segment:  # its offset has faded: to begin with it anew would be to stay off
+        state.offset[:] = 0.0
+        state.offset_turn[:] = 0.0
 
 
 @njit
