@@ -64,12 +64,17 @@ def choose_frames(
     ranges = (percepts.amax(dim=0) - percepts.amin(dim=0)).tolist()
     return FramesConfig(
         points,
-        measure([scene.places[:, 0] for scene in scenes], demonstrations.fps),
+        measure(_moving([scene.places[:, 0] for scene in scenes]), demonstrations.fps),
         smoothing,
         others,
         tuple(max(ranges[number], _LEAST_RANGE / scale[number]) for number in others),
         model.config,
     )
+
+
+def _moving(places: Sequence[Array]) -> list[Array]:
+    """Return the places `[T, 3]` in those demonstrations in which the moved point moves."""
+    return [place for place in places if np.ptp(place, axis=0).any()]
 
 
 def _refuse(reason: str, given: bool) -> None:
