@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from picking import FPS, World, act, demonstrate, one_demonstration, scene, shown, taught
@@ -11,6 +12,7 @@ from picking import FPS, World, act, demonstrate, one_demonstration, scene, show
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.datasets.format import DatasetWarning
 from pacnet.imitator import Imitator
+from pacnet.imitator.frames import _whole
 from pacnet.schemas.points import Points
 
 PLAIN = World()
@@ -135,3 +137,22 @@ def test_nothing_in_the_settings_depends_on_the_rate_but_numbers_of_frames():
     assert fast.size.speed == pytest.approx(slow.size.speed, rel=0.01)  # for each frame
     assert fast.ranges == slow.ranges
     assert (slow.forward_model.lead, fast.forward_model.lead) == (1, 2)  # 1/16 s
+
+
+@pytest.mark.parametrize(
+    ("follows", "kept"),
+    [
+        ((0, 1, -1), (0, 1, -1)),  # told where to go
+        ((1, 0, 2), (1, 0, 2)),  # and how to turn, in any order
+        ((-1, 1, -1), (-1, -1, -1)),  # one of two alone
+        ((0, 0, -1), (-1, -1, -1)),  # one of them twice
+        ((0, -1, 2), (-1, -1, 2)),  # a turn, by itself
+    ],
+)
+def test_actions_are_places_in_all_dimensions_that_move_or_in_none(follows, kept):
+    """Of a pose of two coordinates and an angle."""
+    poses = np.random.default_rng(0).normal(size=(20, 3))
+    assert _whole(follows, poses, 2) == kept
+    still = poses * (1, 0, 1)  # then the first coordinate is all of the place
+    expected = (0, -1, 2) if follows == (0, -1, 2) else kept
+    assert _whole(follows, still, 2) == expected
