@@ -30,6 +30,7 @@ FLOOR = 0.01  # that the moved point may be off in any case
 OTHER = 0.3  # of its range: what is no point may be off, such as a gripper's opening
 PROGRESS = 0.1  # of what they may be off: less than this nearer is no progress
 LEAST_SPREAD = 0.02  # of a layout's feature over demonstrations
+MOVED = 0.05  # distance from where a point is expected, above which it was moved
 HELD = 0.4  # distance within which what moves is held
 LOST = 0.15  # by how much what is held is elsewhere when it is lost
 TOGETHER = 0.6  # share of their distance that is left of landmarks that are brought together
@@ -56,7 +57,7 @@ def follow(places, turns, others, segments, allowed, state, settings, model, act
         model: `AffineArrays`, with the range of actions relative to places.
         action: where to write, `[U]`.
     """
-    _look(places, turns, settings.smoothing, state)
+    _look(places, turns, settings, state)
     if state.segment[0] == NO_SEGMENT:
         _choose(0, ANY, others, segments, allowed, settings.extent, state)
     else:
@@ -71,12 +72,15 @@ def follow(places, turns, others, segments, allowed, state, settings, model, act
 
 
 @njit
-def _look(places, turns, smoothing, state):
-    """Take in where the points are, smoothed."""
+def _look(places, turns, settings, state):
+    """Take in where the points are, smoothed; what is suddenly elsewhere was moved."""
     first = state.seen[0] == 0
     state.seen[0] += 1
     for i in range(len(places)):
-        alpha, beta = max(smoothing[i, 0], 1 / state.seen[0]), smoothing[i, 1]
+        alpha, beta = max(settings.smoothing[i, 0], 1 / state.seen[0]), settings.smoothing[i, 1]
+        expected = plus(vector_of(state.places, i), vector_of(state.speeds, i), 1.0)
+        if norm(minus(vector_of(places, i), expected)) > MOVED * settings.extent:
+            alpha = 1.0
         for k in range(3):
             expected = state.places[i, k] + state.speeds[i, k]
             apart = places[i, k] - expected

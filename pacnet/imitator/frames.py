@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -23,6 +24,8 @@ from pacnet.schemas.smoothing import choose_smoothing, smooth
 Array = NDArray[np.float64]
 
 MIN_EXPLAINED = 0.2  # share of the moved point's change that its actions must explain
+_TOLD = 0.5  # share that is left at most, of what its own movement leaves, of a moved point
+_UNTOLD = 0.95  # and more than that of one that actions do not move
 _LEAD = 0.0625  # [s] over which an action shows its effect
 _SHARE = 0.1  # of its largest size, which is the least range of what is no point
 _LEAST_RANGE = 2.0  # the same, in deviations of the percepts' scale
@@ -48,30 +51,73 @@ def choose_frames(
     scenes = [Scene(smooth(scene.places, smoothing), scene.turns) for scene in seen]
     poses = [poses_of(scene, points.moved) for scene in scenes]
     model = forward_model_for(points, poses, demonstrations)
-    try:
-        explained = fit_to_poses(model, poses, demonstrations)
-    except ValueError as error:
-        return _refuse(str(error), given)
-    share = float(explained[: points.dimensions].mean())
-    if share < MIN_EXPLAINED:
-        name = points.moved.name
-        return _refuse(
-            f"expected actions that move {name!r}, got some that explain {share:.0%} of how it "
-            "moves: name the point first that the robot's actions move",
-            given,
-        )
+    reason = _reason(points, scenes, model, demonstrations)
+    if reason is not None:
+        return _refuse(reason, given)
     percepts = torch.cat([one.percepts for one in demonstrations]).double()
     others = tuple(sorted({*range(percepts.shape[1])} - {*points.used}))
     lowest, highest = percepts.amin(dim=0), percepts.amax(dim=0)
     ranges = torch.maximum(highest - lowest, _SHARE * torch.maximum(highest, -lowest)).tolist()
     return FramesConfig(
         points,
-        measure([scene.places[:, 0] for scene in scenes], demonstrations.fps),
+        measure(_moving([scene.places[:, 0] for scene in scenes]), demonstrations.fps),
         smoothing,
         others,
         tuple(max(ranges[number], _LEAST_RANGE / scale[number]) for number in others),
         model.config,
     )
+
+
+def _reason(
+    points: Points,
+    scenes: Sequence[Scene],
+    model: AffineForwardModel,
+    demonstrations: Demonstrations,
+) -> str | None:
+    """Return why actions are not those that move the first point; None where they are."""
+    poses = [poses_of(scene, points.moved) for scene in scenes]
+    try:
+        explained = fit_to_poses(model, poses, demonstrations)
+    except ValueError as error:
+        return str(error)
+    share = float(explained[: points.dimensions].mean())
+    another = _another(points, scenes, demonstrations, model.config.lead)
+    if share >= MIN_EXPLAINED and another is None:
+        return None
+    got = f"explain {share:.0%} of how it moves" if another is None else f"move {another!r}"
+    return (
+        f"expected actions that move {points.moved.name!r}, got some that {got}: name the point "
+        "first that the robot's actions move"
+    )
+
+
+def _another(
+    points: Points, scenes: Sequence[Scene], demonstrations: Demonstrations, lead: int
+) -> str | None:
+    """Return the point that actions move rather than the first, by name; None for none."""
+    names, size = points.names, points.dimensions
+    places = [[scene.places[:, number, :size] for scene in scenes] for number in range(len(names))]
+    others = [number for number in range(1, len(names)) if _moving(places[number])]
+    left = {number: _left(places[number], demonstrations, lead) for number in (0, *others)}
+    best = min(left, key=left.__getitem__)
+    return names[best] if left[best] < _TOLD and left[0] > _UNTOLD else None
+
+
+def _left(places: Sequence[Array], demonstrations: Demonstrations, lead: int) -> float:
+    """Return the share that actions do not explain of what a point's own movement leaves."""
+    size, count = places[0].shape[1], len(demonstrations.action_names)
+    none = [replace(one, action=torch.zeros_like(one.action)) for one in demonstrations]
+    errors = []
+    for shown in (demonstrations, replace(demonstrations, episodes=tuple(none))):
+        model = AffineForwardModel(AffineForwardModelConfig(size, count, lead, (-1,) * count))
+        fit_to_poses(model, places, shown)
+        errors.append(float(model.residual_variance.sum()))
+    return errors[0] / errors[1] if errors[1] > 0 else 1.0
+
+
+def _moving(places: Sequence[Array]) -> list[Array]:
+    """Return the places `[T, 3]` in those demonstrations in which the moved point moves."""
+    return [place for place in places if np.ptp(place, axis=0).any()]
 
 
 def _refuse(reason: str, given: bool) -> None:

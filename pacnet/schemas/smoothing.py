@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 _THIRD = 0.6745 * 20**0.5  # median size of third differences of white noise of deviation 1
 _SHORTEST = 5  # frames over which a change of speed is looked for, and twice as many, and so on
 _CERTAIN = 1.5  # times as much as noise alone would give
+_LEAST = 0.05  # alpha: what never moved may yet be moved
 _CLEAR = 0.9  # alpha from which nothing is smoothed
 
 
@@ -35,14 +36,16 @@ def _gains(places: Sequence[Array]) -> tuple[float, float]:
     thirds = np.concatenate([np.diff(episode, n=3, axis=0) for episode in places])
     if len(thirds) == 0:
         return 1.0, 1.0
-    noise = max(float(np.median(np.abs(thirds), axis=0).max()) / _THIRD, 1e-300)
+    noise = float(np.median(np.abs(thirds), axis=0).max()) / _THIRD
+    if noise == 0:
+        return 1.0, 1.0
     longest, change, span = max(map(len, places)), 0.0, _SHORTEST
     while 3 * span <= longest:
         change = max(change, _change_of_speed(places, noise, span))
         span *= 2
     index = change / noise
     root = (4 + index - np.sqrt(8 * index + index**2)) / 4 if index < 1e6 else 0.0
-    alpha = float(1 - root**2)
+    alpha = max(_LEAST, float(1 - root**2))
     beta = float(2 * (2 - alpha) - 4 * root)
     return alpha, min(1.0, max(0.0, beta))
 

@@ -349,3 +349,45 @@ def test_settings_out_of_range_are_refused(field: str, value: object):
     config = AffineForwardModelConfig(2, 2, lead=1, follows=(0, 1))
     with pytest.raises(ValueError, match=f"AffineForwardModelConfig.{field}"):
         replace(config, **{field: value})
+
+
+def wandering(turns: int) -> tuple[AffineForwardModel, Tensor, Tensor]:
+    """A hand in a plane that moves with a lag, 0.01 a frame, and turns at once, 0.05 a frame."""
+    actions = torch.randn(60, 3, generator=torch.Generator().manual_seed(3)).cumsum(0) / 4
+    states, speed = torch.zeros(60, 3), torch.zeros(2)
+    for frame in range(59):
+        speed = 0.7 * speed + 0.01 * actions[frame, :2]
+        turn = 0.05 * actions[frame, 2:]
+        states[frame + 1] = states[frame] + torch.cat([speed, turn])
+    config = AffineForwardModelConfig(3, 3, lead=1, follows=(-1, -1, -1), turns=turns)
+    model = AffineForwardModel(config)
+    model.fit([states], [actions])
+    return model, states, actions
+
+
+def test_turns_are_fitted_apart_from_places():
+    model, _, _ = wandering(turns=1)
+    gain = torch.diag(torch.tensor([0.01, 0.01, 0.05]))
+    torch.testing.assert_close(model.gain, gain, rtol=0, atol=1e-4)
+    torch.testing.assert_close(
+        model.lag, torch.diag(torch.tensor([0.7, 0.7, 0.0])), rtol=0, atol=0.01
+    )
+    assert model.lag[2, :2].tolist() == model.lag[:2, 2].tolist() == [0, 0]
+    assert model.moves.all()
+
+
+def test_axes_that_were_not_shown_are_not_turned_by_rounding():
+    """Along one axis after the other, without noise: each held-out block is of one of them."""
+    actions = torch.zeros(60, 3)
+    for axis in range(3):
+        actions[20 * axis : 20 * axis + 20, axis] = 1 + torch.linspace(0, 1, 20)
+    states = torch.cat([torch.zeros(1, 3), 0.1 * actions.cumsum(0)[:-1]])
+    model = AffineForwardModel(AffineForwardModelConfig(3, 3, lead=1, follows=(-1, -1, -1)))
+    model.fit([states], [actions])
+    torch.testing.assert_close(model.gain, 0.1 * torch.eye(3), rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("turns", [-1, 2, 1.0])
+def test_some_of_a_state_is_a_place(turns: object):
+    with pytest.raises(ValueError, match=r"AffineForwardModelConfig.turns from 0 to 1"):
+        AffineForwardModelConfig(2, 1, 1, (-1,), turns=turns)  # pyright: ignore[reportArgumentType]

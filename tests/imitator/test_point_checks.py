@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from reaching import assert_same, reach, shown
+from reaching import reach, shown
 
 from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
@@ -175,20 +175,13 @@ def test_episodes_are_whole_when_points_are_checked():
     state = (torch.arange(50) >= 25).float()[:, None].expand(50, 2)
     jump = replace(jump, state=state.clone(), gaps=(25,))
     jumps = replace(pushes(), episodes=(jump,))
-    assert Imitator.from_demonstrations(jumps, points=TEXTS).config.points == ALL
+    check_points(ALL, jumps)
     with pytest.raises(ValueError, match="expected 'hand' to be what"):
         check_points(ALL, jumps.continuous())
-
-
-def test_points_change_nothing_that_is_learned():
-    imitators = [Imitator.from_demonstrations(pushes(), points=points) for points in (ALL, None)]
-    for imitator in imitators:
-        imitator.learn(pushes())
-    assert_same(*imitators)
-    steps = [[imitator.step(row) for row in push(1).percepts] for imitator in imitators]
-    for ours, theirs in zip(*steps, strict=True):
-        assert ours.action is not None
-        assert ours.action.tolist() == theirs.action.tolist()
+    with pytest.raises(ValueError, match=r"expected actions that move 'hand', got some"):
+        Imitator.from_demonstrations(jumps, points=TEXTS)  # within a part they never do
+    with pytest.warns(DatasetWarning, match=r"points are not used: expected actions that move"):
+        assert Imitator.from_demonstrations(jumps).config.points is None
 
 
 def test_points_survive_a_checkpoint(tmp_path: Path):
@@ -196,9 +189,16 @@ def test_points_survive_a_checkpoint(tmp_path: Path):
     imitator.learn(pushes())
     imitator.save_pretrained(tmp_path)
     assert Imitator.from_pretrained(tmp_path).config == imitator.config
+    fields, _ = read_checkpoint(tmp_path)
+    assert Points.from_dict(fields["frames"]["points"]) == ALL
+
+
+def test_a_checkpoint_from_before_there_were_points_is_read(tmp_path: Path):
+    imitator = Imitator.from_demonstrations(pushes(), points=None)
+    imitator.learn(pushes())
+    imitator.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
-    assert Points.from_dict(fields["points"]) == ALL
-    del fields["points"]  # an older one
+    del fields["frames"]
     write_checkpoint(tmp_path, fields, tensors)
     assert Imitator.from_pretrained(tmp_path).config.points is None
 
@@ -206,29 +206,37 @@ def test_points_survive_a_checkpoint(tmp_path: Path):
 @pytest.mark.parametrize(
     ("points", "message"),
     [
-        (
-            asdict(Points(HAND, (Point("box", (2, 6)),))),
-            "ImitatorConfig.points within 6 dimensions",
-        ),
+        (asdict(Points(HAND, (Point("box", (2, 6)),))), "ImitatorConfig.frames of 6 dimensions"),
         ({}, "the fields of Points"),
         ([], "the fields of Points"),
         (3, "the fields of Points"),
         (asdict(ALL) | {"landmarks": []}, "Points.landmarks as Points"),
         (asdict(ALL) | {"landmarks": [asdict(HAND)]}, "Points.landmarks of different names"),
+        (asdict(Points(HAND, (BOX,))), "FramesConfig.smoothing as 2 pairs"),
     ],
 )
 def test_damaged_points_are_refused(points, message: str, tmp_path: Path):
     imitator = Imitator.from_demonstrations(pushes())
     imitator.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
-    write_checkpoint(tmp_path, fields | {"points": json.loads(json.dumps(points))}, tensors)
+    fields["frames"]["points"] = json.loads(json.dumps(points))
+    if points == asdict(Points(HAND, (Point("box", (2, 6)),))):
+        del fields["frames"]["smoothing"][2]
+    write_checkpoint(tmp_path, fields, tensors)
     with pytest.raises(ValueError, match=f"expected {message}"):
         Imitator.from_pretrained(tmp_path)
 
 
-def test_a_config_has_points_of_its_percept():
+def test_a_config_has_frames_of_its_percept_and_its_actions():
     config = Imitator.from_demonstrations(pushes()).config
-    assert isinstance(replace(config, points=None), ImitatorConfig)
-    for points in (Points(HAND, (Point("box", (2, 6)),)), asdict(ALL), "auto"):
-        with pytest.raises(ValueError, match=r"ImitatorConfig.points within 6 dimensions"):
-            replace(config, points=points)
+    frames = config.frames
+    assert frames is not None
+    assert isinstance(replace(config, frames=None), ImitatorConfig)
+    model = frames.forward_model
+    wider = replace(model, action_dimensions=3, follows=(*model.follows, -1))
+    fewer = replace(frames, points=Points(HAND, (BOX,)), smoothing=frames.smoothing[:2])
+    for other in (fewer, replace(frames, forward_model=wider), asdict(frames), "auto"):
+        with pytest.raises(ValueError, match=r"ImitatorConfig.frames of 6 dimensions, all kept"):
+            replace(config, frames=other)
+    with pytest.raises(ValueError, match=r"ImitatorConfig.frames of 6 dimensions, all kept"):
+        replace(config, budget=10)
