@@ -13,7 +13,6 @@ from pacnet.forward_models.affine_rows import Array
 _ROUNDS = 10
 _OUTLYING = 2.0  # times the median residual, from which one counts less
 _TURNED = 0.4  # share of the error that is left with turned axes, for them to be turned
-_EXACT = 1e-3  # of the mean change: an error of rounding says nothing of axes, some may be unseen
 
 
 def fit_alike(sent: Array, before: Array, changes: Array) -> Array:
@@ -28,8 +27,7 @@ def fit_alike(sent: Array, before: Array, changes: Array) -> Array:
     (gain, lag), error = _fit(sent, before, changes, straight)
     axes = _turned(sent, before, changes)
     turned, error_turned = _fit(sent, before, changes, axes)
-    exact = error < _EXACT * float(np.sqrt(np.square(changes).mean()))
-    if not exact and error_turned < _TURNED * error:
+    if error_turned < _TURNED * error:
         (gain, lag), straight = turned, axes
     return np.concatenate([gain * straight, lag * np.eye(changes.shape[1])])
 

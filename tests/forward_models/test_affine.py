@@ -376,17 +376,6 @@ def test_turns_are_fitted_apart_from_places():
     assert model.moves.all()
 
 
-def test_axes_that_were_not_shown_are_not_turned_by_rounding():
-    """Along one axis after the other, without noise: each held-out block is of one of them."""
-    actions = torch.zeros(60, 3)
-    for axis in range(3):
-        actions[20 * axis : 20 * axis + 20, axis] = 1 + torch.linspace(0, 1, 20)
-    states = torch.cat([torch.zeros(1, 3), 0.1 * actions.cumsum(0)[:-1]])
-    model = AffineForwardModel(AffineForwardModelConfig(3, 3, lead=1, follows=(-1, -1, -1)))
-    model.fit([states], [actions])
-    torch.testing.assert_close(model.gain, 0.1 * torch.eye(3), rtol=0, atol=1e-4)
-
-
 @pytest.mark.parametrize("turns", [-1, 2, 1.0])
 def test_some_of_a_state_is_a_place(turns: object):
     with pytest.raises(ValueError, match=r"AffineForwardModelConfig.turns from 0 to 1"):
