@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 _MOVES = 0.2  # share of the moved point's usual speed from which a landmark moves
 _APART = 1.0  # share of its way by which a carried landmark's way may differ from the moved point's
+_LEFT = 0.05  # share of the scene's size by which what was carried must be left behind
 _WINDOW = 0.05  # [s] before and after a moment in which speed is measured
 _NEAR = 0.3  # share of the scene's size at which a landmark is near, at most
 _SHARE = 0.35  # of the farthest distance from a landmark that is left where it is near
@@ -46,10 +47,11 @@ def measure(places: list[Array], fps: float) -> Size:
 
 
 def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
-    """Return whether each landmark moves with the moved point, bool `[T, M]`.
+    """Return whether each landmark is carried or pushed by the moved point, bool `[T, M]`.
 
     It moves if it does in both halves of a window: one that is reported late has not moved. One
-    that falls into place while the moved point goes elsewhere is not carried.
+    that falls into place while the moved point goes elsewhere is not carried. What comes to rest is
+    carried until it is left.
 
     Args:
         places: of the moved point and M landmarks, `[T, 1 + M, 3]`.
@@ -62,7 +64,18 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
     moves = slower[:, 1:] > _MOVES * size.speed
     ways = places[after] - places[before]
     apart = np.linalg.norm(ways[:, 1:] - ways[:, :1], axis=2)
-    return moves & (apart < _APART * np.linalg.norm(ways[:, 1:], axis=2))
+    moves &= apart < _APART * np.linalg.norm(ways[:, 1:], axis=2)
+    return _until_left(moves, places[:, 1:] - places[:, :1], _LEFT * size.extent)
+
+
+def _until_left(moves: NDArray[np.bool_], hold: Array, least: float) -> NDArray[np.bool_]:
+    """Return moves `[T, M]`, and rests in which the way `[T, M, 3]` to what moved is the same."""
+    held, since = moves.copy(), hold[0].copy()
+    for frame in range(1, len(held)):
+        near = np.linalg.norm(hold[frame] - since, axis=1) <= least
+        held[frame] |= held[frame - 1] & near
+        since[moves[frame]] = hold[frame, moves[frame]]
+    return held
 
 
 def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
