@@ -26,7 +26,7 @@ _CLOSE = 0.05  # share of the scene's size that is near in any case
 _REACH = 0.6  # share of the scene's size within which what is set in motion was set so on purpose
 _APPROACHED = 0.75  # of the farthest distance so far: nearer, a landmark was approached
 _TOGETHER = 0.125  # [s] within which two landmarks are attained at once; the nearer one counts
-_SHORTEST = 0.075  # [s] of a segment
+_SHORTEST = 0.1  # [s] of a segment
 
 
 class Size(NamedTuple):
