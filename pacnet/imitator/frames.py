@@ -24,7 +24,7 @@ from pacnet.schemas.smoothing import choose_smoothing, smooth
 Array = NDArray[np.float64]
 
 MIN_EXPLAINED = 0.2  # share of the moved point's change that its actions must explain
-_TOLD = 0.5  # share that is left at most, of what its own movement leaves, of a moved point
+_TOLD = 0.3  # share that is left at most, of what its own movement leaves, of a moved point
 _UNTOLD = 0.95  # and more than that of one that actions do not move
 _LEAD = 0.0625  # [s] over which an action shows its effect
 _SHARE = 0.1  # of its largest size, which is the least range of what is no point
