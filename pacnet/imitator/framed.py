@@ -24,10 +24,8 @@ from pacnet.schemas.scene import Scene, pose_dimensions, poses_of, scene_of
 from pacnet.schemas.segments import SegmentMemory, Segments
 from pacnet.schemas.smoothing import smooth
 
-_LEAST_GAIN = 0.1  # of the largest: what actions move less is not corrected
-_LEAST_TURNING = 0.1  # [rad] on a way as long as the scene; less is none
+_LEAST_GAIN = 0.02  # of the largest: what actions move less is not corrected
 _FIRST_TURN = 3  # the first of a pose's dimensions that says how it is turned
-_TINY = 1e-300
 
 
 class FramedKnown(NamedTuple):
@@ -156,33 +154,17 @@ def _for_frames(model: AffineArrays, segments: Segments, config: FramesConfig) -
     """Return the model with the plain inverse of its gain, which makes good all of a deviation.
 
     What moves the pose may be as large as it was in any direction, since another landmark may lie
-    in another one. Moving and turning have units of their own.
+    in another one. Moving and turning have units of their own, and are inverted apart.
     """
-    unit = _units(segments, config)
-    gain = model.gain / unit[:, None]
     turns = np.array(pose_dimensions(config.points.moved)) >= _FIRST_TURN
-    turning = np.linalg.norm(gain[turns], axis=0) > np.linalg.norm(gain[~turns], axis=0)
-    lowest, highest, size = model.lowest.copy(), model.highest.copy(), np.ones(len(turning))
+    lowest, highest, inverse = model.lowest.copy(), model.highest.copy(), model.gain.T.copy()
     of_places = model.follows >= 0
     largest = np.maximum(np.abs(lowest), np.abs(highest))
     largest[of_places] = np.abs(segments.action[:, of_places]).max(axis=0)
-    for kind in (turning, ~turning):
-        for alike in (model.moves & kind & of_places, model.moves & kind & ~of_places):
+    moving = (model.gain[~turns] != 0).any(axis=0)
+    for dimensions, actions in ((turns, ~moving), (~turns, moving)):
+        inverse[:, dimensions] = np.linalg.pinv(model.gain[dimensions], rcond=_LEAST_GAIN)
+        for alike in (model.moves & actions & of_places, model.moves & actions & ~of_places):
             highest[alike] = largest[alike].max(initial=0.0)
             lowest[alike] = -highest[alike]
-        moves = model.moves & kind
-        size[moves] = max(float(highest[moves].max(initial=0.0)), _TINY)
-    inverse = size[:, None] * np.linalg.pinv(gain * size, rcond=_LEAST_GAIN) / unit
     return model._replace(inverse=inverse, lowest=lowest, highest=highest)
-
-
-def _units(segments: Segments, config: FramesConfig) -> NDArray[np.float64]:
-    """Return how much each dimension of the pose changes from frame to frame, `[I]`.
-
-    It is one number for its place, and one for how it is turned.
-    """
-    pose = np.array(pose_dimensions(config.points.moved))
-    moved, turned = np.split(segments.velocity, [_FIRST_TURN], axis=1)
-    speed, turning = (float(np.sqrt(np.square(v).sum(axis=1).mean())) for v in (moved, turned))
-    least = _LEAST_TURNING * config.size.speed / config.size.extent
-    return np.where(pose < _FIRST_TURN, max(speed, _TINY), max(turning, least))

@@ -53,17 +53,17 @@ def test_what_is_told_of_novelty_is_in_the_unit_of_percepts():
     assert step.threshold == pytest.approx(farthest(world), rel=1e-5)
 
 
-@pytest.mark.parametrize(("gripper", "is_novel"), [(1.9, False), (2.1, True), (-1.1, True)])
-def test_what_is_no_place_is_novel_half_its_range_beyond_it(
-    learned: Imitator, gripper: float, is_novel: bool
+@pytest.mark.parametrize(("gripper", "is_novel"), [(1, False), (1, True), (-1, True)])
+def test_what_is_no_place_is_novel_twice_its_range_beyond_it(
+    learned: Imitator, gripper: int, is_novel: bool
 ):
-    """A gripper is from 0 to 1 in what was shown, but its range counts as two deviations."""
+    """Of a gripper; its range counts as two deviations, if that is more."""
     (one,) = one_demonstration(PLAIN)
     openings = one.percepts[:, 2].double()
     low, high, frames = float(openings.min()), float(openings.max()), learned.config.frames
     assert frames is not None
     (span,) = frames.ranges
-    limit = (high - low) / 2 + span / 2
+    limit = (high - low) / 2 + 2 * span
     percept = scene(PLAIN).percept
     percept[2] = (high + low) / 2 + (limit if gripper > 0 else -limit) * (1.05 if is_novel else 0.9)
     learned.reset()
@@ -86,7 +86,7 @@ def test_the_novelty_of_a_report_is_the_largest_of_its_steps(learned: Imitator):
     imitator = learned.fork()
     one = demonstrate(scene(PLAIN), 1)
     one.environment_state[:, 0] += 1
-    one.state[5:9, 2] = 2.4
+    one.state[5:9, 2] = 9.4
     steps = [imitator.step(percept) for percept in one.percepts]
     (report,) = imitator.learn(shown(PLAIN, one))
     assert report.max_novelty == pytest.approx(max(step.novelty for step in steps), rel=1e-6)
