@@ -66,8 +66,8 @@ class View:
     """How places are perceived: in which unit and axes, and how exactly.
 
     Attributes:
-        noise: standard deviation of the error of each coordinate at each step [m]; what is learned
-            from has none.
+        noise: standard deviation of the error of each coordinate at each step [m], also of what is
+            learned from.
         units: per metre: 1000 for percepts in millimetres.
         turn: angle by which the axes of perception are turned about z [degrees]. Actions stay in
             the robot's own axes.
@@ -94,10 +94,10 @@ class View:
         return np.insert(places, GRIPPER, percepts[..., GRIPPER], axis=-1).astype(np.float32)
 
     def seen(self, demonstrations: Demonstrations) -> Demonstrations:
-        """Return demonstrations as they are perceived, without noise."""
-        episodes = []
+        """Return demonstrations as they are perceived."""
+        episodes, random = [], np.random.default_rng(len(demonstrations))
         for shown in demonstrations:
-            percepts = torch.from_numpy(self.see(shown.percepts.numpy()))
+            percepts = torch.from_numpy(self.see(shown.percepts.numpy(), random))
             state, surroundings = percepts[:, : len(STATE)], percepts[:, len(STATE) :]
             episodes.append(replace(shown, state=state, environment_state=surroundings))
         return replace(demonstrations, episodes=tuple(episodes))
