@@ -1,10 +1,10 @@
 """Attention cuts a demonstration where the landmark that the moved point is on its way to changes.
 
 Of the landmarks at rest it is the one that is attained first. A landmark is attained when the moved
-point comes near, or when it is set in motion, or, where neither happens, at the least distance. A
-landmark that moves is carried or pushed, and no place to go to. Neither is one that the moved point
-never approaches. A segment is a stretch in which the landmark is the same. All distances are shares
-of what was shown, and all numbers of frames times.
+point comes near and slows down, or when it is set in motion, or, where neither happens, at the least
+distance. A landmark that moves is carried or pushed, and no place to go to. Neither is one that the
+moved point never approaches. A segment is a stretch in which the landmark is the same. All distances
+are shares of what was shown, and all numbers of frames times.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ _SHARE = 0.35  # of the farthest distance from a landmark that is left where it 
 _CLOSE = 0.05  # share of the scene's size that is near in any case
 _REACH = 0.6  # share of the scene's size within which what is set in motion was set so on purpose
 _APPROACHED = 0.75  # of the farthest distance so far: nearer, a landmark was approached
+_SLOW = 0.5  # share of the moved point's usual speed below which it slows down
 _TOGETHER = 0.125  # [s] within which two landmarks are attained at once; the nearer one counts
 _SHORTEST = 0.1  # [s] of a segment
 
@@ -92,6 +93,7 @@ def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
     moves = carried(places, size, fps)
     possible = _gone_to(distances, moves, size) & ~moves
+    calm = _calm(places[:, 0], size, fps)
     together = max(1, round(_TOGETHER * fps))
     frames, landmarks = distances.shape
     attained = np.full(frames, -1)
@@ -99,7 +101,7 @@ def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
         best = (frames, np.inf)
         for number in range(landmarks):
             if possible[frame, number]:
-                first, least = _attained(distances[:, number], moves[:, number], frame, size)
+                first, least = _attained(distances[:, number], moves[:, number], calm, frame, size)
                 if (first // together, least) < best:
                     best, attained[frame] = (first // together, least), number
     return _without_short(attained, max(1, round(_SHORTEST * fps)))
@@ -112,16 +114,28 @@ def _gone_to(distances: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[
     return np.logical_or.reduce(near | moves, axis=0)
 
 
+def _calm(place: Array, size: Size, fps: float) -> NDArray[np.bool_]:
+    """Return whether the moved point `[T, 3]` slows down, or the demonstration ends, bool `[T]`."""
+    window = max(1, round(_WINDOW * fps))
+    slow = _speed(place, *_around(len(place), window)) < _SLOW * size.speed
+    slow[-2 * window :] = True
+    return slow
+
+
 def _attained(
-    distances: Array, moves: NDArray[np.bool_], frame: int, size: Size
+    distances: Array, moves: NDArray[np.bool_], calm: NDArray[np.bool_], frame: int, size: Size
 ) -> tuple[int, float]:
-    """Return when a landmark is attained after a frame, and the least distance until it moves."""
+    """Return when a landmark is attained after a frame, and the least distance until it moves.
+
+    One that is only passed is not attained.
+    """
     moved = np.flatnonzero(moves[frame:])
     until = int(moved[0]) if len(moved) else len(distances) - frame
     ahead = distances[frame : frame + until]
     least, farthest = float(ahead.min()), distances[: frame + 1].max()
     near = min(_NEAR * size.extent, max(_SHARE * farthest, _CLOSE * size.extent))
-    first = int(np.flatnonzero(ahead <= near)[0]) if least <= near else len(distances)
+    there = (ahead <= near) & calm[frame : frame + until]
+    first = int(there.argmax()) if there.any() else len(distances)
     if len(moved) and least < _REACH * size.extent:
         first = min(first, until)
     return first, least
