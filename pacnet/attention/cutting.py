@@ -1,10 +1,10 @@
 """Attention cuts a demonstration where the landmark that the moved point is on its way to changes.
 
-Of the landmarks at rest it is the one that is attained first. A landmark is attained when the moved
-point comes near and slows down, or when it is set in motion, or, where neither happens, at the least
-distance. A landmark that moves is carried or pushed, and no place to go to. Neither is one that the
-moved point never approaches. A segment is a stretch in which the landmark is the same. All distances
-are shares of what was shown, and all numbers of frames times.
+Of the landmarks at rest it is the one that is attained first. A landmark is attained when the
+moved point comes near and slows down, or when it is set in motion, or, where neither happens, at
+the least distance. A landmark that moves is carried or pushed, and no place to go to. Neither is
+one that the moved point never approaches. A segment is a stretch in which the landmark is the
+same. All distances are shares of what was shown, and all numbers of frames times.
 """
 
 from __future__ import annotations

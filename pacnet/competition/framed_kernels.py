@@ -80,7 +80,7 @@ def _look(places, turns, settings, state):
         alpha, beta = max(settings.smoothing[i, 0], 1 / state.seen[0]), settings.smoothing[i, 1]
         expected = plus(vector_of(state.places, i), vector_of(state.speeds, i), 1.0)
         if norm(minus(vector_of(places, i), expected)) > MOVED * settings.extent:
-            alpha = 1.0
+            alpha, beta = 1.0, beta if i == 0 else 0.0  # a landmark was put elsewhere
         for k in range(3):
             expected = state.places[i, k] + state.speeds[i, k]
             apart = places[i, k] - expected

@@ -125,14 +125,10 @@ class ImitatorConfig:
             return True
         if not isinstance(frames, FramesConfig):
             return False
-        dimensions = sorted((*frames.points.used, *frames.others))
+        within = max((*frames.points.used, *frames.others)) < self.attention.dimensions
         actions = frames.forward_model.action_dimensions
         whole = self.targets == "action" and self.budget is None
-        return (
-            whole
-            and dimensions == [*range(self.attention.dimensions)]
-            and (actions == len(self.action))
-        )
+        return whole and within and actions == len(self.action)
 
     @property
     def points(self) -> Points | None:

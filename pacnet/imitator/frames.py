@@ -55,8 +55,9 @@ def choose_frames(
     if reason is not None:
         return _refuse(reason, given)
     percepts = torch.cat([one.percepts for one in demonstrations]).double()
-    others = tuple(sorted({*range(percepts.shape[1])} - {*points.used}))
     lowest, highest = percepts.amin(dim=0), percepts.amax(dim=0)
+    changing = (highest > lowest).nonzero().ravel().tolist()  # what never changes says nothing
+    others = tuple(sorted({*changing} - {*points.used}))
     ranges = torch.maximum(highest - lowest, _SHARE * torch.maximum(highest, -lowest)).tolist()
     return FramesConfig(
         points,

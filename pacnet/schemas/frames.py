@@ -20,7 +20,7 @@ class FramesConfig:
         points: which dimensions of a percept are points.
         size: how large the scene is, and how fast what the robot moves.
         smoothing: alpha and beta of each point; see `pacnet.schemas.smoothing`.
-        others: the dimensions of a percept that are no points.
+        others: the dimensions of a percept that are no points and changed in what was shown.
         ranges: the range of each of these in what was shown, > 0.
         forward_model: settings of the model that finds actions which move a pose.
     """

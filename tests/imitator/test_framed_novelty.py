@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -159,3 +160,20 @@ def test_one_percept_is_read_as_several_are(size: int, turns: bool):
         np.testing.assert_array_equal(one, places)
         np.testing.assert_allclose(turned, orientations, rtol=1e-14, atol=1e-15)
         assert math.isclose(np.linalg.norm(turned[0]), 1, rel_tol=1e-12)
+
+
+def test_what_never_changed_is_not_novel():
+    """A second object that is no point, and stood still in the demonstration."""
+    (one,) = one_demonstration(PLAIN)
+    there = torch.full((len(one.state), 1), 0.2)
+    around = torch.cat([one.environment_state, there], dim=1)
+    shown_once = one_demonstration(PLAIN)
+    names = dict(shown_once.names)
+    names["observation.environment_state"] = (*names["observation.environment_state"], "shelf")
+    with_shelf = replace(
+        shown_once, names=names, episodes=(replace(one, environment_state=around),)
+    )
+    imitator = Imitator.from_demonstrations(with_shelf)
+    imitator.learn(with_shelf)
+    percept = np.append(scene(PLAIN).percept, np.float32(7.0))
+    assert imitator.step(percept).action is not None

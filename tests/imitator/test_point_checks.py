@@ -234,8 +234,8 @@ def test_a_config_has_frames_of_its_percept_and_its_actions():
     assert isinstance(replace(config, frames=None), ImitatorConfig)
     model = frames.forward_model
     wider = replace(model, action_dimensions=3, follows=(*model.follows, -1))
-    fewer = replace(frames, points=Points(HAND, (BOX,)), smoothing=frames.smoothing[:2])
-    for other in (fewer, replace(frames, forward_model=wider), asdict(frames), "auto"):
+    beyond = replace(frames, points=Points(HAND, (BOX, Point("goal", (4, 6)))))
+    for other in (beyond, replace(frames, forward_model=wider), asdict(frames), "auto"):
         with pytest.raises(ValueError, match=r"ImitatorConfig.frames of 6 dimensions, all kept"):
             replace(config, frames=other)
     with pytest.raises(ValueError, match=r"ImitatorConfig.frames of 6 dimensions, all kept"):
