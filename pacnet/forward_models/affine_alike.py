@@ -6,13 +6,16 @@ right angles. A hand that pushes against something moves less than that; such fr
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pacnet.forward_models.affine_rows import Array
 
-_ROUNDS = 10
-_OUTLYING = 2.0  # times the median residual, from which one counts less
-_TURNED = 0.4  # share of the error that is left with turned axes, for them to be turned
+_ROUNDS = 12
+_OUTLYING = 2.0  # times the median residual, from which a moment counts less
+_BETTER = 0.85  # share of the error that is left with turned axes, for them to be turned
+_TURNED = 20.0  # angle of axes that are turned, at least [degrees]
 
 
 def fit_alike(sent: Array, before: Array, changes: Array) -> Array:
@@ -23,39 +26,59 @@ def fit_alike(sent: Array, before: Array, changes: Array) -> Array:
         before: last change, `[N, S]`.
         changes: to be explained, `[N, S]`.
     """
-    straight = np.eye(changes.shape[1])
-    (gain, lag), error = _fit(sent, before, changes, straight)
-    axes = _turned(sent, before, changes)
-    turned, error_turned = _fit(sent, before, changes, axes)
-    if error_turned < _TURNED * error:
-        (gain, lag), straight = turned, axes
-    return np.concatenate([gain * straight, lag * np.eye(changes.shape[1])])
+    moments = _Moments(sent, before, changes)
+    plain, other = _fit(moments, turned=False), _fit(moments, turned=True)
+    angle = np.degrees(np.arccos(np.clip(_cosine(other.axes), -1, 1)))
+    best = other if angle > _TURNED and other.error < _BETTER * plain.error else plain
+    return np.concatenate([best.gain * best.axes, best.lag * np.eye(changes.shape[1])])
 
 
-def _turned(sent: Array, before: Array, changes: Array) -> Array:
+class _Moments(NamedTuple):
+    sent: Array  # [N, K]
+    before: Array  # [N, S]
+    changes: Array  # [N, S]
+
+
+class _Law(NamedTuple):
+    gain: float
+    lag: float
+    axes: Array  # [K, S], at right angles
+    error: float  # median
+
+
+def _fit(moments: _Moments, *, turned: bool) -> _Law:
+    """Return the law along the percept's axes, or along those that explain most."""
+    sent, before, changes = moments
+    axes, weight = np.eye(changes.shape[1]), np.ones((len(sent), 1))
+    gain = lag = error = 0.0
+    for _ in range(_ROUNDS):
+        if turned:
+            axes = _explaining(moments, weight)
+        inputs = np.stack([(weight * (sent @ axes)).ravel(), (weight * before).ravel()], axis=1)
+        solved = np.linalg.lstsq(inputs, (weight * changes).ravel(), rcond=None)[0]
+        gain, lag = solved.tolist()
+        residual = np.linalg.norm(changes - gain * sent @ axes - lag * before, axis=1)
+        error = float(np.median(residual))
+        limit = _OUTLYING * error + 1e-12 * float(np.abs(changes).max(initial=0.0)) + 1e-300
+        weight = 1 / np.maximum(1, residual / limit)[:, None]
+    return _Law(gain, lag, axes, error)
+
+
+def _explaining(moments: _Moments, weight: Array) -> Array:
     """Return axes at right angles `[K, S]` along which actions explain most of the changes.
 
     What the last change says of either is taken away first: smooth actions are much like it.
     """
-    both = np.concatenate([sent, changes], axis=1)
-    known = np.linalg.lstsq(before, both, rcond=None)[0]
-    sent, changes = np.split(both - before @ known, [sent.shape[1]], axis=1)
+    sent, before, changes = moments
+    both = weight * np.concatenate([sent, changes], axis=1)
+    known = weight * before
+    both = both - known @ np.linalg.lstsq(known, both, rcond=None)[0]
+    sent, changes = np.split(both, [sent.shape[1]], axis=1)
     left, _, right = np.linalg.svd(sent.T @ changes)  # orthogonal Procrustes problem
     return left @ right
 
 
-def _fit(sent: Array, before: Array, changes: Array, axes: Array) -> tuple[Array, float]:
-    """Return gain and lag along axes `[K, S]`, and the median error."""
-    inputs = np.stack([(sent @ axes).ravel(), before.ravel()], axis=1)
-    wanted = changes.ravel()
-    weight = np.ones(len(wanted))
-    found: Array = np.zeros(2)
-    error = 0.0
-    for _ in range(_ROUNDS):
-        solved = np.linalg.lstsq(inputs * weight[:, None], wanted * weight, rcond=None)
-        found = solved[0].astype(np.float64)
-        residual = np.abs(wanted - inputs @ found)
-        error = float(np.median(residual))
-        limit = _OUTLYING * error + 1e-12 * float(np.abs(wanted).max(initial=0.0)) + 1e-300
-        weight = np.sqrt(1 / np.maximum(1, residual / limit))
-    return found, error
+def _cosine(axes: Array) -> float:
+    """Return the cosine of the angle by which axes in a plane or in space are turned."""
+    free = len(axes) - 2
+    return float(np.trace(axes) - free) / 2

@@ -101,7 +101,7 @@ def test_an_action_that_was_hardly_tried_gets_the_gain_of_the_others():
     noisy += 1e-3 * torch.randn(60, 2, generator=torch.Generator().manual_seed(1))
     for shown in (model, model_of([noisy], [actions[:, :2]])):
         assert float(shown.gain[:, 0].norm()) < 3 * STEP
-        assert float(shown.gain[0, 1]) == pytest.approx(-STEP, rel=0.2)
+        assert float(shown.gain[0, 1]) == pytest.approx(-STEP, rel=0.3)
 
 
 def test_no_dimension_of_another_unit_is_presumed_to_move_as_far():
