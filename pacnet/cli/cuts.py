@@ -1,4 +1,4 @@
-"""How demonstrations were cut, and how well their actions explain the movement, in words."""
+"""How demonstrations were cut, and how well the movement is predicted, in words."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ def describe_cuts(imitator: Imitator) -> dict[str, Any]:
     """Return how demonstrations were cut, for JSON.
 
     Returns:
-        `explained`: share of the moved point's change of place, in frames held out, that its
-        actions explain, None without points or before anything was learned; `cuts`: for each
-        report, its segments, and whether it is followed.
+        `explained`: share of the moved point's change of place, in frames held out, that is
+        predicted from actions and momentum, None without points or before anything was learned;
+        `cuts`: for each report, its segments, and whether it is followed.
     """
     from pacnet.imitator.cuts import WORLD_NAME
 
     cuts, frames = imitator.cuts, imitator.frames
     if frames is None or not cuts:
         return {"explained": None, "cuts": []}
-    explained = frames.forward_model.explained[: frames.config.points.dimensions]
+    explained = frames.forward_model.explained_together(frames.config.points.dimensions)
     rows = [
         {
             "dataset": report.dataset,
@@ -40,7 +40,7 @@ def describe_cuts(imitator: Imitator) -> dict[str, Any]:
         }
         for report, cut in zip(imitator.reports, cuts, strict=False)
     ]
-    return {"explained": float(explained.mean()), "cuts": rows}
+    return {"explained": explained, "cuts": rows}
 
 
 def cut_pairs(document: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -52,7 +52,10 @@ def cut_pairs(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     if not document["cuts"]:
         return []
     moved, explained = next(iter(document["points"])), document["explained"]
-    movement = f"actions explain {explained:.0%} of how {moved} moves, in frames held out"
+    movement = (
+        f"{explained:.0%} of how {moved} moves is predicted from actions and momentum, in frames "
+        "held out"
+    )
     texts = list(_texts(document["cuts"]))
     return [("movement", movement), ("segments", texts[0]), *[("", text) for text in texts[1:]]]
 

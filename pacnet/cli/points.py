@@ -21,7 +21,8 @@ def add_points(parser: argparse.ArgumentParser) -> None:
         help="after DATASET: which dimensions of a percept are points, each as "
         "NAME=FEATURE[FIRST:END], such as 'hand=observation.state[0:3]': first the one that the "
         "robot's actions move, then landmarks; with an orientation "
-        "NAME=FEATURE[0:3]+FEATURE[3:7]; none for no points (found by the names of dimensions, "
+        "NAME=FEATURE[0:3]+FEATURE[3:7], a quaternion, w first, or FEATURE[3:7]:xyzw; an angle is "
+        "FEATURE[2]; none for no points (found by the names of dimensions, "
         "such as hand.x, hand.y, hand.z)",
     )  # fmt: skip
 
@@ -46,8 +47,16 @@ def describe_points(config: ImitatorConfig) -> dict[str, Any]:
     document = {point.name: [names[number] for number in point.used] for point in points}
     found, reason = find_points(config.percepts, config.state_features)
     if found is not None:
-        reason = f"not used, though by their names there are {', '.join(found.names)}"
+        reason = _unused(config, ", ".join(found.names))
     return {"points": document, "no_points": None if document else reason}
+
+
+def _unused(config: ImitatorConfig, names: str) -> str:
+    """Return why points that are found by their names are not used."""
+    if config.targets == "state" or config.budget is not None:
+        why = "targets are states" if config.targets == "state" else "there is a budget"
+        return f"{why} (by their names there are {names})"
+    return f"as asked, or since {names}, found by their names, do not hold"
 
 
 def points_text(document: Mapping[str, Any]) -> str:

@@ -220,6 +220,17 @@ class AffineForwardModel(SavedModel):
         self.last = torch.from_numpy(now)[None].to(self.gain)
         return action.astype(np.float32)
 
+    def explained_together(self, dimensions: int) -> float:
+        """Return the share of the changes of the first dimensions, all in one unit, predicted.
+
+        Each counts by how much it changes: one in which there is only noise hardly does.
+        """
+        with self._lock:
+            left = self.residual_variance[:dimensions].double()
+            share = 1 - self.explained[:dimensions].double()
+        square = torch.where(left > 0, left / share, 0.0).sum()
+        return float(1 - left.sum() / square) if square > 0 else 0.0
+
     def reset(self) -> None:
         """Start an episode, with any number of rows: forget the last states."""
         self.last = self.gain.new_zeros(0, self.config.state_dimensions)

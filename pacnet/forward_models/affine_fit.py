@@ -40,7 +40,7 @@ class Law(NamedTuple):
     moves: NDArray[np.bool_]
     """Whether an action moves the state, `[U]`."""
     residual_variance: Array
-    """Mean square of what is not predicted of held-out changes, `[S]`."""
+    """Mean square of what is not predicted of held-out changes, a millionth at least, `[S]`."""
     explained: Array
     """Share of held-out changes that is predicted, `[S]`."""
 
@@ -114,9 +114,10 @@ def fit_law(
         drift[of], error[of] = fit.drift, fit.error
         kept |= fit.kept
     square = np.square(rows.changes[rows.part >= 0]).mean(axis=0)
+    error = np.maximum(error, _LEAST_ERROR * square)  # so that float32 tells it from none
     explained = np.where(square > 0, 1 - error / np.where(square > 0, square, 1), 0.0)
     spread = np.sqrt(np.square(rows.inputs[:, :count]).mean(axis=0))
-    weight = np.where(square > 0, 1 / np.maximum(error, _LEAST_ERROR * square + 1e-300), 0.0)
+    weight = np.where(square > 0, 1 / np.maximum(error, 1e-300), 0.0)
     return Law(gain, lag, drift, _invert(gain, weight, spread, kept), kept, error, explained)
 
 

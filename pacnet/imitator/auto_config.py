@@ -35,6 +35,7 @@ def choose_settings(
 ) -> ImitatorConfig:
     """Return settings for these demonstrations; see `Imitator.from_demonstrations`."""
     _check_features(demonstrations)
+    _check_percepts(demonstrations)
     episodes, demonstrations = demonstrations, demonstrations.continuous()
     percepts, fps = demonstrations.percept_features, demonstrations.fps
     if targets == "state":
@@ -123,6 +124,20 @@ def _check_features(demonstrations: Demonstrations) -> None:
             "expected percepts and actions of different features, got "
             f"{', '.join(both or actions)!r} for both"
         )
+
+
+def _check_percepts(demonstrations: Demonstrations) -> None:
+    """Raise a ValueError for an episode without frames, or one that is not finite."""
+    names = dimension_names(demonstrations.percept_features)
+    for shown in demonstrations:
+        percepts, episode = shown.percepts, f"episode {shown.episode}"
+        if len(percepts) == 0:
+            raise ValueError(f"{episode}: expected one or more frames, got none")
+        columns = (~percepts.isfinite()).any(dim=0).nonzero().flatten().tolist()
+        if columns:
+            values = percepts[:, columns[0]]
+            got = values[~values.isfinite()][0].item()
+            raise ValueError(f"{episode}: expected a finite {names[columns[0]]!r}, got {got}")
 
 
 def _check_targets(demonstrations: Demonstrations, lead: int) -> None:

@@ -15,6 +15,7 @@ from pacnet.core.integrity import check_conditions, check_on_load, check_structu
 from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.forward_models.affine import AffineForwardModel
 from pacnet.forward_models.affine_arrays import AffineArrays
+from pacnet.forward_models.affine_fit import least_frames
 from pacnet.imitator.framed_novelty import Bounds, bounds_of
 from pacnet.imitator.frames import fit_to_poses
 from pacnet.schemas.demonstration_memory import Shown
@@ -63,7 +64,14 @@ class FramedSchemas(nn.Module):
         check_on_load(self)
 
     def fit(self, demonstrations: Demonstrations) -> None:
-        """Fit the forward model to continuous demonstrations."""
+        """Fit the forward model to continuous demonstrations, unless it was fitted before.
+
+        Where all are too short nothing is fitted.
+        """
+        lead = self.config.forward_model.lead
+        longest = max((len(one.state) for one in demonstrations), default=0)
+        if self.forward_model.moves.any() or longest < least_frames(lead):
+            return
         scenes = [self._smoothed(one.percepts.numpy()) for one in demonstrations]
         poses = [poses_of(scene, self.config.points.moved) for scene in scenes]
         fit_to_poses(self.forward_model, poses, demonstrations)
@@ -154,8 +162,12 @@ def _for_frames(model: AffineArrays, segments: Segments, config: FramesConfig) -
     """Return the model with the plain inverse of its gain, which makes good all of a deviation.
 
     What moves the pose may be as large as it was in any direction, since another landmark may lie
-    in another one. Moving and turning have units of their own, and are inverted apart.
+    in another one. Moving and turning have units of their own, and are inverted apart. Before a
+    fit there is no correction, and shown actions have no limits.
     """
+    if not model.moves.any():
+        unlimited = np.full(len(model.lowest), np.inf)
+        return model._replace(lowest=-unlimited, highest=unlimited)
     turns = np.array(pose_dimensions(config.points.moved)) >= _FIRST_TURN
     lowest, highest, inverse = model.lowest.copy(), model.highest.copy(), model.gain.T.copy()
     of_places = model.follows >= 0

@@ -23,7 +23,7 @@ from pacnet.schemas.smoothing import choose_smoothing, smooth
 
 Array = NDArray[np.float64]
 
-MIN_EXPLAINED = 0.2  # share of the moved point's change that its actions must explain
+MIN_EXPLAINED = 0.2  # share of the moved point's change that actions and momentum must predict
 _TOLD = 0.3  # share that is left at most, of what its own movement leaves, of a moved point
 _UNTOLD = 0.95  # and more than that of one that actions do not move
 _LEAD = 0.0625  # [s] over which an action shows its effect
@@ -78,14 +78,15 @@ def _reason(
     """Return why actions are not those that move the first point; None where they are."""
     poses = [poses_of(scene, points.moved) for scene in scenes]
     try:
-        explained = fit_to_poses(model, poses, demonstrations)
+        fit_to_poses(model, poses, demonstrations)
     except ValueError as error:
         return str(error)
-    share = float(explained[: points.dimensions].mean())
+    share = model.explained_together(points.dimensions)
     another = _another(points, scenes, demonstrations, model.config.lead)
     if share >= MIN_EXPLAINED and another is None:
         return None
-    got = f"explain {share:.0%} of how it moves" if another is None else f"move {another!r}"
+    predicted = f"with momentum, predict {share:.0%} of how it moves"
+    got = f"move {another!r}" if another is not None else predicted
     return (
         f"expected actions that move {points.moved.name!r}, got some that {got}: name the point "
         "first that the robot's actions move"
@@ -172,8 +173,8 @@ def _whole(follows: tuple[int, ...], poses: Array, places: int) -> tuple[int, ..
 
 def fit_to_poses(
     model: AffineForwardModel, poses: Sequence[Array], demonstrations: Demonstrations
-) -> NDArray[np.float32]:
-    """Fit the model to demonstrations that are long enough; return what it explains, `[I]`.
+) -> None:
+    """Fit the model to demonstrations that are long enough.
 
     Raises:
         ValueError: none is long enough.
@@ -188,4 +189,4 @@ def fit_to_poses(
             f"expected a demonstration of more than {5 * model.config.lead} frames to see what "
             "actions do"
         )
-    return model.fit([pose for pose, _ in rows], [action for _, action in rows]).numpy()
+    model.fit([pose for pose, _ in rows], [action for _, action in rows])

@@ -128,6 +128,8 @@ class Imitator(ImitatorState):
         Nothing is learned across gaps: the parts between them count as demonstrations each. All
         frames are kept unless there is a budget. The scale of percepts never changes. The forward
         model is fitted to the first demonstrations only: it depends on the robot, not on the task.
+        With points, it is fitted at the first call with demonstrations that are long enough; until
+        then the shown actions are sent without a correction.
         In eval mode nothing is learned. Ctrl-C takes effect after the current demonstration; after
         an error what was known before that demonstration is intact. The mean first action is of
         demonstrations that begin with their episode, where there are any.
@@ -158,12 +160,10 @@ class Imitator(ImitatorState):
         if self.forward_model is not None and not self.reports:
             with full_precision():
                 fit(self.forward_model, demonstrations.episodes)
-        if self.frames is not None and not self.reports:
-            self.frames.fit(demonstrations)
         reports = []
         for shown in demonstrations:
             with full_precision(), defer_sigint():
-                reports.append(self._learn_one(demonstrations.source, shown, corrections))
+                reports.append(self._learn_one(demonstrations, shown, corrections))
             if progress is not None:
                 progress(len(shown.state))
         return reports
@@ -336,7 +336,9 @@ class Imitator(ImitatorState):
         mean = self.first_action if before else torch.zeros_like(self.first_action)
         return mean + (shown.action[0] - mean) / (before + 1)
 
-    def _learn_one(self, dataset: str, shown: Demonstration, correction: bool) -> EpisodeReport:
+    def _learn_one(
+        self, demonstrations: Demonstrations, shown: Demonstration, correction: bool
+    ) -> EpisodeReport:
         """Learn on a draft, which then replaces the state, all at once."""
         with self.learning_lock, short_switch_interval(), torch.inference_mode(False):
             number, config, known = len(self.reports), self.config, self._latest()
@@ -345,6 +347,8 @@ class Imitator(ImitatorState):
                 draft = Draft(
                     self.sofm, self.memory, self.correction, self.novelty_detector, self.frames
                 )
+            if draft.frames is not None:
+                draft.frames.fit(demonstrations)
             targets = self._targets(shown)
             tasks, name = self.tasks, task_name(shown.task)
             task = tasks.index(name) if name in tasks else len(tasks)
@@ -353,7 +357,7 @@ class Imitator(ImitatorState):
             )
             first_action = self.first_action if correction else self._mean_first_action(shown)
             report = EpisodeReport(
-                dataset,
+                demonstrations.source,
                 index(shown.episode),
                 shown.task,
                 len(shown.state),

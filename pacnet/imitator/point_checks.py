@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ import torch
 from torch import Tensor
 
 from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.datasets.format import DatasetWarning
 from pacnet.datasets.format.numbers import episodes_text, numbers_text
 from pacnet.schemas.points import Points
 
@@ -19,13 +21,33 @@ Places = Sequence[Tensor]
 def check_points(points: Points, demonstrations: Demonstrations) -> None:
     """Raise a ValueError unless these points hold in the demonstrations.
 
+    A landmark that is zero in all frames of all episodes may be at the world's origin: of that a
+    `DatasetWarning` tells.
+
     Raises:
         ValueError: dimensions beyond the percept, a moved point that never moves, a landmark that
-            is the same as another point in all frames, or one that is zero in all frames of an
-            episode: it is not there.
+            is the same as another point in all frames, or one that is zero in all frames of some
+            episodes: it is not there.
     """
-    for problem in _problems(points, demonstrations).values():
-        raise ValueError(problem)
+    problems, places = _problems(points, demonstrations), _places(points, demonstrations)
+    at_origin = [
+        name for name in problems if name in points.names[1:] and _is_padding(places[name])
+    ]
+    for name, problem in problems.items():
+        if name not in at_origin:
+            raise ValueError(problem)
+    if len(at_origin) > 1:
+        raise ValueError(
+            f"expected landmarks at different places, got {', '.join(at_origin)} at zero in all "
+            "frames"
+        )
+    for name in at_origin:
+        warnings.warn(
+            f"{name!r} is zero in all frames: it is taken to be at the origin; leave it out if it "
+            "is padding",
+            DatasetWarning,
+            stacklevel=5,
+        )
 
 
 def those_that_hold(
@@ -48,7 +70,7 @@ def those_that_hold(
     if not kept:
         return None, [*problems.values()]
     places = _places(points, demonstrations)
-    told = [text for name, text in problems.items() if not all(map(_is_zero, places[name]))]
+    told = [text for name, text in problems.items() if not _is_padding(places[name])]
     return replace(points, landmarks=kept), told
 
 
@@ -89,10 +111,14 @@ def _is_zero(place: Tensor) -> bool:
     return not bool(place.any())
 
 
+def _is_padding(places: Places) -> bool:
+    return all(map(_is_zero, places))
+
+
 def _absence(name: str, places: Places, episodes: Sequence[int]) -> str:
     """Return that a landmark is not there, if it is not in some episodes."""
     missing = {number for number, one in zip(episodes, places, strict=True) if _is_zero(one)}
-    if all(map(_is_zero, places)):
+    if _is_padding(places):
         return f"expected {name!r} to be a place, it is zero in all frames: padding is no landmark"
     if not missing:
         return ""

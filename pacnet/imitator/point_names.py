@@ -14,7 +14,8 @@ from pacnet.schemas.points import Point, Points
 _SEPARATOR = re.compile(r"[._\s/-]+")
 _AXES = ("x", "y", "z")
 # Ends of names beside a place's, in the order in which the best is taken.
-_ORIENTATIONS = (("qw", "qx", "qy", "qz"), ("rx", "ry", "rz"), ("yaw",), ("theta",))
+_ORIENTATIONS = (("qw", "qx", "qy", "qz"), ("rx", "ry", "rz"), ("yaw",), ("theta",), ("angle",))
+_QUATERNION = ("w", "x", "y", "z")
 _TILTS = {"roll", "pitch"}  # beside which a yaw alone does not say how something is turned
 _PLACE = {"pos", "position", "xyz", "place", "location", "translation"}
 _TURN = {"rot", "rotation", "orientation", "ori", "quat", "quaternion"}
@@ -23,7 +24,7 @@ _KIND = re.compile(rf"(?:^|[._\s/-]+)(?:{'|'.join(_PLACE | _TURN)})$", re.IGNORE
 _OTHERS = _TURN | {
     "vel", "velocity", "speed", "twist", "acc", "accel", "acceleration", "omega", "gyro", "angular",
     "force", "torque", "wrench", "effort", "delta", "rel", "relative", "offset", "error", "axis",
-    "angle", "rotvec", "euler", "rpy", "mag", "magnetometer",
+    "angle", "rotvec", "euler", "rpy", "mag", "magnetometer", "to", "from",
 }  # fmt: skip
 # Words of features whose numbers are one for each part, not coordinates.
 _PARTS = {"joint", "joints", "motor", "motors", "finger", "fingers", "wheel", "wheels", "servo"}
@@ -57,8 +58,10 @@ def find_points(
     A point is NAME.x, NAME.y and, in space, NAME.z of one feature, also with an underscore, also x,
     y and z alone; or a whole feature NAME_pos, NAME_position or NAME_xyz of two or three unnamed
     dimensions. Its orientation is beside it: NAME.qw, .qx, .qy, .qz, or .rx, .ry, .rz (a rotation
-    vector), or .yaw or .theta. The moved point is the only one of the robot's state, or the one
-    called like a hand. All others of as many dimensions are landmarks.
+    vector), or .yaw, .theta or .angle; NAME_quat.w, .x, .y, .z; or a feature NAME_quat beside
+    NAME_pos, if its dimensions' names say in which order it is. The moved point is the only one of
+    the robot's state, or the one called like a hand. All others of as many dimensions are
+    landmarks.
 
     Args:
         features: feature -> names of its dimensions, in the order of the percept.
@@ -80,6 +83,36 @@ def find_points(
 def unit_of(name: str) -> str:
     """Return the last part of a dimension's name, in lower case."""
     return _SEPARATOR.split(name.lower())[-1]
+
+
+def quaternion_order(names: Sequence[str]) -> tuple[int, ...] | None:
+    """Return which of four dimensions are w, x, y and z by their names; None if these don't say."""
+    letters = [unit_of(name).removeprefix("q") for name in names]
+    if sorted(letters) != sorted(_QUATERNION):
+        return None
+    return tuple(letters.index(letter) for letter in _QUATERNION)
+
+
+def unordered_quaternions(features: Mapping[str, Sequence[str]], points: Points) -> dict[str, str]:
+    """Return the quaternions that are left out since nothing says their order: point -> feature."""
+    owners = [feature for feature, names in features.items() for _ in names]
+    turns = {
+        point.name: _quaternion_beside(owners[point.place[0]], features)
+        for point in points
+        if len(point.place) == 3 and not point.orientation
+    }
+    return {name: turn for name, turn in turns.items() if turn is not None}
+
+
+def _quaternion_beside(feature: str, features: Mapping[str, Sequence[str]]) -> str | None:
+    """Return the feature NAME_quat beside NAME_pos."""
+    if unit_of(feature) not in _PLACE:
+        return None
+    name = _KIND.sub("", feature)
+    for other, names in features.items():
+        if _KIND.sub("", other) == name and unit_of(other) in _TURN and len(names) == 4:
+            return other
+    return None
 
 
 def _moved(own: Sequence[Point], paired: Sequence[Point]) -> tuple[Point | None, str]:
@@ -117,9 +150,22 @@ def _candidates(features: Mapping[str, Sequence[str]]) -> Iterator[_Candidate]:
     """Yield the points of each feature."""
     first = 0
     for feature, names in features.items():
-        for point in (*_named_points(feature, names, first), *_whole_point(feature, names, first)):
+        found = [*_named_points(feature, names, first), *_whole_point(feature, names, first)]
+        for point in found:
+            if len(found) == 1 and len(point.place) == 3 and not point.orientation:
+                point = replace(point, orientation=_ordered_beside(feature, features))
             yield _Candidate(feature, point)
         first += len(names)
+
+
+def _ordered_beside(feature: str, features: Mapping[str, Sequence[str]]) -> tuple[int, ...]:
+    """Return the dimensions of the quaternion beside a place; () for none, or in unknown order."""
+    turn = _quaternion_beside(feature, features)
+    order = None if turn is None else quaternion_order(features[turn])
+    if turn is None or order is None:
+        return ()
+    first = sum(len(features[one]) for one in [*features][: [*features].index(turn)])
+    return tuple(first + number for number in order)
 
 
 def _renamed(found: Sequence[_Candidate]) -> list[_Candidate]:
@@ -145,6 +191,8 @@ def _named_points(feature: str, names: Sequence[str], first: int) -> Iterator[Po
     for dimension, name in enumerate(names, start=first):
         unit = unit_of(name)
         stem = name[: len(name) - len(unit)].rstrip("._-/ ")
+        if unit in _QUATERNION and unit_of(stem) in _TURN:
+            unit = f"q{unit}"
         if unit not in _AXES or not _words(feature, stem) & _OTHERS:
             groups.setdefault(_KIND.sub("", stem).strip(), {}).setdefault(unit, dimension)
     for stem, units in groups.items():

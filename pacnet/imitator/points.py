@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.datasets.format import DatasetWarning
 from pacnet.imitator.point_checks import check_points, those_that_hold
-from pacnet.imitator.point_names import find_points, unit_of
+from pacnet.imitator.point_names import find_points, quaternion_order, unordered_quaternions
 from pacnet.schemas.points import ORIENTATIONS, Point, Points
 
 __all__ = ["PointsChoice", "check_points", "choose_points", "find_points", "parse_points"]
@@ -22,8 +22,8 @@ Features: TypeAlias = Mapping[str, Sequence[str]]
 """Feature -> names of its dimensions, in the order of the percept."""
 
 _FORM = "NAME=FEATURE[FIRST:END], such as hand=observation.state[0:3]"
-_RANGE = re.compile(r"(?P<feature>[^\[\]]+)(?:\[(?P<first>\d{1,9}):(?P<end>\d{1,9})\])?")
-_QUATERNION = ("w", "x", "y", "z")
+_RANGE = re.compile(r"(?P<feature>[^\[\]]+)(?:\[(?P<first>\d{1,9})(?::(?P<end>\d{1,9}))?\])?")
+_ORDER = re.compile(r"\s*:\s*(?P<order>xyzw|wxyz)$")
 
 
 def choose_points(choice: PointsChoice, demonstrations: Demonstrations) -> Points | None:
@@ -39,7 +39,10 @@ def choose_points(choice: PointsChoice, demonstrations: Demonstrations) -> Point
         return None
     if isinstance(choice, str) and choice == "auto":
         found = find_points(features, state).points
-        return None if found is None else _usable(found, demonstrations)
+        points = None if found is None else _usable(found, demonstrations)
+        if points is not None:
+            _tell_of_quaternions(points, features)
+        return points
     points = choice if isinstance(choice, Points) else parse_points(choice, features)
     check_points(points, demonstrations)
     return points
@@ -50,8 +53,8 @@ def parse_points(texts: Sequence[str] | Mapping[str, str], features: Features) -
 
     A text is NAME=FEATURE[FIRST:END], with END not included; NAME=FEATURE is all of a feature. An
     orientation stands behind a plus: `object=observation.pose[0:3]+observation.pose[3:7]`. Three
-    dimensions of it are a rotation vector, one an angle, four a quaternion: w comes first, unless
-    the dimensions' names say otherwise.
+    dimensions of it are a rotation vector, one (`+FEATURE[3]`) an angle, four a quaternion: w comes
+    first, unless the dimensions' names say otherwise, or the text: `+FEATURE[3:7]:xyzw`.
 
     Args:
         texts: one for each point, or name -> feature.
@@ -60,7 +63,8 @@ def parse_points(texts: Sequence[str] | Mapping[str, str], features: Features) -
     Raises:
         ValueError: a text of another form, an unknown feature, a range out of it, a point that has
             neither two nor three dimensions or not those of the first, an orientation of another
-            length, the same name or dimension twice, or fewer than two points.
+            length, an order of what is no quaternion, the same name or dimension twice, or fewer
+            than two points.
     """
     pairs = [_named(text) for text in _as_texts(texts)]
     points = [_point(name, text, features) for name, text in pairs]
@@ -85,6 +89,17 @@ def _usable(found: Points, demonstrations: Demonstrations) -> Points | None:
     return points
 
 
+def _tell_of_quaternions(points: Points, features: Features) -> None:
+    """Warn of orientations that are left out."""
+    for name, turn in unordered_quaternions(features, points).items():
+        warnings.warn(
+            f"{turn!r} is not used as the orientation of {name!r}: name its dimensions w, x, y and "
+            f"z, or say their order with --points {name}=...+{turn}:xyzw (points= in Python)",
+            DatasetWarning,
+            stacklevel=5,
+        )
+
+
 def _as_texts(texts: object) -> Iterable[object]:
     if isinstance(texts, Mapping):
         return [f"{name}={feature}" for name, feature in texts.items()]
@@ -103,7 +118,9 @@ def _named(text: object) -> tuple[str, str]:
 
 def _point(name: str, text: str, features: Features) -> Point:
     """Return the point that a text without its name describes."""
-    parts = [_dimensions(name, part.strip(), features) for part in text.split("+")]
+    ordered = _ORDER.search(text)
+    bare = text if ordered is None else text[: ordered.start()]
+    parts = [_dimensions(name, part.strip(), features) for part in bare.split("+")]
     if len(parts) > 2:
         raise ValueError(f"expected {name!r} as a place + an orientation, got {text!r}")
     place, orientation = parts[0], parts[1] if len(parts) == 2 else ()
@@ -115,15 +132,20 @@ def _point(name: str, text: str, features: Features) -> Point:
             f"expected the orientation of {name!r}, a point in {len(place)} dimensions, of "
             f"length {' or '.join(map(str, turns[1:]))}, got {len(orientation)}: {text!r}"
         )
-    if len(orientation) == len(_QUATERNION):
-        orientation = _w_first(orientation, _names(features))
+    if len(orientation) == 4:
+        names = ordered["order"] if ordered else [_names(features)[one] for one in orientation]
+        orientation = tuple(orientation[number] for number in quaternion_order(names) or range(4))
+    elif ordered is not None:
+        raise ValueError(
+            f"expected {ordered['order']} behind 4 dimensions of {name!r}, got {text!r}"
+        )
     if {*place} & {*orientation}:
         raise ValueError(f"expected place and orientation of {name!r} apart, got {text!r}")
     return Point(name, place, orientation)
 
 
 def _dimensions(name: str, text: str, features: Features) -> tuple[int, ...]:
-    """Return the dimensions of the percept that FEATURE[FIRST:END] or FEATURE is."""
+    """Return the dimensions of the percept that FEATURE[FIRST:END], [NUMBER] or FEATURE is."""
     match = _RANGE.fullmatch(text)
     if match is None:
         raise ValueError(f"expected {name!r} as {_FORM}, got {text!r}")
@@ -132,21 +154,14 @@ def _dimensions(name: str, text: str, features: Features) -> tuple[int, ...]:
         there = ", ".join(f"{one} [{len(names)}]" for one, names in features.items())
         raise ValueError(f"expected {name!r} to be of the features {there}, got {feature!r}")
     count = len(features[feature])
-    first, end = (int(match["first"]), int(match["end"])) if match["first"] else (0, count)
+    first = int(match["first"] or 0)
+    end = int(match["end"] or first + 1) if match["first"] else count
     if not first < end <= count:
         raise ValueError(
             f"expected {name!r} within the {count} dimensions {feature}[0:{count}], got {text!r}"
         )
     start = sum(len(features[one]) for one in [*features][: [*features].index(feature)])
     return tuple(range(start + first, start + end))
-
-
-def _w_first(quaternion: tuple[int, ...], names: Sequence[str]) -> tuple[int, ...]:
-    """Return the dimensions of a quaternion in the order w, x, y, z, if their names say which."""
-    letters = [unit_of(names[dimension]).removeprefix("q") for dimension in quaternion]
-    if sorted(letters) != sorted(_QUATERNION):
-        return quaternion
-    return tuple(quaternion[letters.index(letter)] for letter in _QUATERNION)
 
 
 def _check_together(points: Sequence[Point], features: Features) -> None:

@@ -30,6 +30,7 @@ def carrier(carrying: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+MOVEMENT = "{}% of how hand moves is predicted from actions and momentum, in frames held out"
 CUT = "object, goal (3 of 4 episodes); episode 2: goal, object, goal (not followed)"
 
 
@@ -42,8 +43,7 @@ def test_fit_and_info_say_how_demonstrations_were_cut(
     assert run("info", carrier) == 0
     for printed in (fitted, capsys.readouterr().out):
         assert value_of("segments", printed) == CUT
-        text = "actions explain 100% of how hand moves, in frames held out"
-        assert value_of("movement", printed) == text
+        assert value_of("movement", printed) == MOVEMENT.format(100)
 
 
 def test_the_json_has_each_segment(
@@ -88,7 +88,7 @@ def said(*cuts: dict[str, Any]) -> list[str]:
     document = {"points": {"hand": [], "cup": []}, "explained": 0.876, "cuts": list(cuts)}
     (movement, explained), *rest = cut_pairs(document)
     assert movement == "movement"
-    assert explained == "actions explain 88% of how hand moves, in frames held out"
+    assert explained == MOVEMENT.format(88)
     assert [name for name, _ in rest] == ["segments", *[""] * (len(rest) - 1)]
     return [text for _, text in rest]
 

@@ -87,7 +87,7 @@ def test_points_can_be_switched_off(
     pushing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run("fit", pushing, "--points", "none", "--out", tmp_path / "out") == 0
-    reason = "not used, though by their names there are hand, box, goal"
+    reason = "as asked, or since hand, box, goal, found by their names, do not hold"
     assert value_of("points", capsys.readouterr().out) == f"none: {reason}"
     assert Imitator.from_pretrained(tmp_path / "out").config.points is None
     assert run("info", tmp_path / "out", "--json") == 0
@@ -124,7 +124,7 @@ def test_what_does_not_hold_is_left_out_with_a_note(
     assert run("fit", named, "--out", tmp_path / "other") == 0
     printed, error = capsys.readouterr()
     assert "note: by its name it is a point, but it is not used as one: expected 'object'" in error
-    assert value_of("points", printed).startswith("none: not used, though by their names")
+    assert value_of("points", printed).startswith("none: as asked, or since")
 
 
 def test_points_that_are_none_are_refused(

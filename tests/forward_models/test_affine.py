@@ -380,3 +380,19 @@ def test_turns_are_fitted_apart_from_places():
 def test_some_of_a_state_is_a_place(turns: object):
     with pytest.raises(ValueError, match=r"AffineForwardModelConfig.turns from 0 to 1"):
         AffineForwardModelConfig(2, 1, 1, (-1,), turns=turns)  # pyright: ignore[reportArgumentType]
+
+
+def test_dimensions_count_together_by_how_much_they_change():
+    """One dimension does as it is told exactly, another one is noise."""
+    push = torch.randn(200, 1, generator=torch.Generator().manual_seed(0))
+    noise = 0.1 * torch.randn(200, 1, generator=torch.Generator().manual_seed(1))
+    place = torch.cat([torch.zeros(1, 1), push.cumsum(0)[:-1]])
+    state = torch.cat([place, noise], 1)
+    model = AffineForwardModel(AffineForwardModelConfig(2, 1, lead=1, follows=(-1,)))
+    assert model.explained_together(2) == 0.0
+    told, noisy = model.fit([state], [push]).tolist()
+    assert told == pytest.approx(1, abs=1e-4)
+    changes = torch.diff(state, dim=0).square().mean(dim=0).tolist()
+    expected = 1 - ((1 - told) * changes[0] + (1 - noisy) * changes[1]) / sum(changes)
+    assert model.explained_together(2) == pytest.approx(expected, abs=2e-3)
+    assert model.explained_together(1) == pytest.approx(told, abs=1e-6)

@@ -72,6 +72,37 @@ def test_the_first_point_is_the_one_that_actions_move():
         Imitator.from_demonstrations(one_demonstration(PLAIN), points=wrong)
 
 
+def slider(size: int, seed: int) -> Demonstrations:
+    """A carriage goes along its first axis to a box and back, seen with noise of 0.5 mm."""
+    random = np.random.default_rng(seed)
+    out = 0.1 * np.sin(np.linspace(0, np.pi, 10))  # [m/s]
+    speed = np.concatenate([out, -out])
+    place = np.zeros((20, size))
+    place[1:, 0] = (speed / FPS).cumsum()[:-1]
+    state = torch.from_numpy(place + random.normal(0, 0.0005, place.shape)).float()
+    box = torch.tensor([0.5, 0.1, 0.2][:size]).expand(20, size)
+    names = {
+        "observation.state": tuple(f"hand.{axis}" for axis in "xyz"[:size]),
+        "observation.environment_state": tuple(f"box.{axis}" for axis in "xyz"[:size]),
+        "action": ("speed",),
+    }
+    action = torch.from_numpy(speed)[:, None].float()
+    return Demonstrations(FPS, names, (Demonstration(0, "slide", state, box, action),), "sliding")
+
+
+@pytest.mark.parametrize(("size", "seed"), [(2, 1), (3, 0)])
+def test_a_hand_that_moves_along_one_axis_only_is_moved_by_its_actions(size: int, seed: int):
+    """There is nothing to be predicted but noise along the others."""
+    points = [f"hand=observation.state[0:{size}]", "box=observation.environment_state"]
+    demonstrations = slider(size, seed)
+    imitator = Imitator.from_demonstrations(demonstrations, points=points)
+    imitator.learn(demonstrations)
+    assert imitator.frames is not None
+    model = imitator.frames.forward_model
+    assert float(model.explained.mean()) < 0.2  # of each axis by itself
+    assert model.explained_together(size) > 0.9
+
+
 @pytest.mark.parametrize(
     ("options", "got"),
     [({"targets": "state"}, "targets of 'state'"), ({"budget": 50}, "a budget")],
@@ -101,15 +132,37 @@ def test_demonstrations_in_which_the_hand_rests_do_not_count_for_the_scenes_size
     assert len(imitator.reports) == 3
 
 
-def test_too_short_demonstrations_to_learn_are_refused_and_nothing_is_learned():
+def test_what_actions_do_is_learned_from_the_first_demonstration_that_is_long_enough():
+    """Until then the shown actions are sent as they are, wherever the hand is."""
     imitator = Imitator.from_demonstrations(one_demonstration(PLAIN), points=PLAIN.points)
-    with pytest.raises(ValueError, match="of more than 5 frames"):
-        imitator.learn(short())
-    assert imitator.reports == []
+    imitator.learn(short())
+    assert imitator.frames is not None
+    assert not imitator.frames.forward_model.moves.any()
+    away = scene(PLAIN)
+    away.hand += (0.05, 0.0)
+    action = imitator.step(away.percept).action
+    assert action is not None
+    np.testing.assert_array_equal(action, short().episodes[0].action[0])
     imitator.learn(one_demonstration(PLAIN))
-    assert act(imitator, scene(PLAIN))
-    imitator.learn(short())  # what actions do is known now
-    assert len(imitator.reports) == 2
+    known = Imitator.from_demonstrations(one_demonstration(PLAIN), points=PLAIN.points)
+    known.learn(one_demonstration(PLAIN))
+    assert known.frames is not None
+    gain = known.frames.forward_model.gain
+    assert torch.equal(imitator.frames.forward_model.gain, gain)
+    imitator.learn(shown(PLAIN, demonstrate(scene(PLAIN, (-0.2, 0.3), (0.4, 0.2)), 1)))
+    assert torch.equal(imitator.frames.forward_model.gain, gain)  # it stays
+    assert len(imitator.reports) == 3
+
+
+def test_an_episode_goes_on_while_what_actions_do_is_learned():
+    imitator = Imitator.from_demonstrations(one_demonstration(PLAIN), points=PLAIN.points)
+    imitator.learn(short())
+    for percept in short().episodes[0].percepts[:4]:
+        before = imitator.step(percept)
+    imitator.learn(one_demonstration(PLAIN))
+    after = imitator.step(short().episodes[0].percepts[4])
+    assert after.followed[0].demonstration == before.followed[0].demonstration == 0
+    assert after.followed[0].frame >= before.followed[0].frame > 0
 
 
 def test_points_change_what_is_learned_and_without_them_all_is_as_before():
@@ -156,3 +209,23 @@ def test_actions_are_places_in_all_dimensions_that_move_or_in_none(follows, kept
     still = poses * (1, 0, 1)  # then the first coordinate is all of the place
     expected = (0, -1, 2) if follows == (0, -1, 2) else kept
     assert _whole(follows, still, 2) == expected
+
+
+@pytest.mark.parametrize("points", [None, "auto", PLAIN.points])
+def test_an_episode_without_frames_is_named(points):
+    one = demonstrate(scene(PLAIN))
+    with pytest.raises(ValueError, match="episode 3: expected one or more frames, got none"):
+        Imitator.from_demonstrations(
+            shown(PLAIN, one, replace(with_frames(one, 0), episode=3)), points=points
+        )
+
+
+@pytest.mark.parametrize("points", [None, "auto", PLAIN.points])
+@pytest.mark.parametrize("value", [float("nan"), float("-inf")])
+def test_a_number_that_is_not_finite_is_named(points, value: float):
+    one = demonstrate(scene(PLAIN))
+    around = one.environment_state.clone()
+    around[3, 2] = value
+    odd = replace(one, environment_state=around, episode=3)
+    with pytest.raises(ValueError, match=rf"episode 3: expected a finite 'goal\.x', got {value}"):
+        Imitator.from_demonstrations(shown(PLAIN, one, odd), points=points)

@@ -32,11 +32,15 @@ def test_a_mapping_says_the_same():
 
 
 def test_an_orientation_stands_behind_a_plus():
-    text = "box=observation.environment_state[0:3]+observation.environment_state[{}]"
+    text = "box=observation.environment_state[0:3]+observation.environment_state{}"
     for numbers, expected in (
-        ("3:7", (7, 8, 9, 10)),
-        ("3:6", (7, 8, 9)),
-        ("9:10", (13,)),
+        ("[3:7]", (7, 8, 9, 10)),
+        ("[3:6]", (7, 8, 9)),
+        ("[9:10]", (13,)),
+        ("[9]", (13,)),
+        ("[3:7]:xyzw", (10, 7, 8, 9)),
+        ("[3:7]:wxyz", (7, 8, 9, 10)),
+        ("[3:7] : xyzw", (10, 7, 8, 9)),
     ):
         points = parse_points([HAND, text.format(numbers)], FEATURES)
         assert points.landmarks == (Point("box", (4, 5, 6), expected),)
@@ -58,6 +62,12 @@ def test_w_comes_first_in_a_quaternion(names, order):
     features = {"hand": ("x", "y", "z"), "turn": names, "box": ("x", "y", "z")}
     points = parse_points(["hand=hand+turn", "box=box"], features)
     assert points.moved == Point("hand", (0, 1, 2), order)
+
+
+def test_a_text_says_the_order_of_a_quaternion_before_its_names_do():
+    features = {"hand": ("x", "y", "z"), "turn": ("qw", "qx", "qy", "qz"), "box": ("x", "y", "z")}
+    points = parse_points(["hand=hand+turn:xyzw", "box=box"], features)
+    assert points.moved == Point("hand", (0, 1, 2), (6, 3, 4, 5))
 
 
 @pytest.mark.parametrize(
@@ -87,6 +97,10 @@ def test_w_comes_first_in_a_quaternion(names, order):
             r"orientation of 'goal', a point in 3 dimensions, of length 1 or 3 or 4, got 2: ",
         ),
         ("goal=goal+goal+goal", r"expected 'goal' as a place \+ an orientation, got"),
+        ("goal=goal:xyzw", r"expected xyzw behind 4 dimensions of 'goal', got 'goal:xyzw'"),
+        ("goal=goal+observation.environment_state[0:3]:xyzw", r"expected xyzw behind 4 dim"),
+        ("goal=goal:xwyz", r"got 'goal:xwyz'"),
+        ("goal=goal[3]", r"within the 3 dimensions goal\[0:3\], got 'goal\[3\]'"),
         ("hand=goal", r"expected points of different names, got 'hand' twice"),
         ("goal=observation.state[1:4]", r"different dimensions, got 'hand' and 'goal' of 'y'"),
     ],

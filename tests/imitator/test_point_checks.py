@@ -110,9 +110,15 @@ def test_a_landmark_is_there_in_every_episode():
         check_points(ALL, without_goal(0, 1))
 
 
-def test_padding_is_no_landmark():
-    with pytest.raises(ValueError, match=r"expected 'goal' to be a place, it is zero in all"):
+def test_a_landmark_that_is_given_may_be_at_the_origin():
+    with pytest.warns(DatasetWarning, match="'goal' is zero in all frames: .* at the origin"):
         check_points(ALL, without_goal(0, 1, 2))
+    with pytest.warns(DatasetWarning, match="'goal' is zero in all frames"):
+        imitator = Imitator.from_demonstrations(without_goal(0, 1, 2), points=TEXTS)
+    assert imitator.config.points == ALL
+    both = pushes(*((number, dimension, 0) for number in range(3) for dimension in range(4)))
+    with pytest.raises(ValueError, match="landmarks at different places, got box, goal at zero"):
+        check_points(ALL, both)
 
 
 def test_points_lie_within_the_percept():
@@ -135,7 +141,7 @@ def test_points_are_found_by_default_and_may_be_switched_off():
 
 
 def test_points_that_were_given_are_checked():
-    for demonstrations in (without_goal(1), without_goal(0, 1, 2), alike(), still(pushes())):
+    for demonstrations in (without_goal(1), alike(), still(pushes())):
         with pytest.raises(ValueError, match=r"expected '(goal|hand)' to be"):
             Imitator.from_demonstrations(demonstrations, points=TEXTS)
     for nothing in ("none", "hand=observation.state", [], 3):
@@ -160,6 +166,21 @@ def test_what_was_found_and_does_not_hold_is_left_out_with_a_warning(demonstrati
     with pytest.warns(DatasetWarning, match=told):
         imitator = Imitator.from_demonstrations(demonstrations)
     assert imitator.config.points == kept
+
+
+def test_a_quaternion_in_an_unknown_order_is_left_out_with_a_warning():
+    names = {
+        "observation.state": ("hand.x", "hand.y", "hand.z"),
+        "observation.box_pos": ("0", "1", "2"),
+        "observation.box_quat": ("0", "1", "2", "3"),
+        "action": ("x", "y", "z"),
+    }
+    path = torch.linspace(0, 1, 50)[:, None] * torch.tensor([[0.3, 0.2, 0.1]])
+    box = torch.tensor([0.3, 0.2, 0.1, 0, 0, 0, 1]).expand(50, 7)
+    one = Demonstration(0, "push", path, box, path.roll(-1, dims=0))
+    with pytest.warns(DatasetWarning, match=r"box_quat' is not used as the orientation of 'box'"):
+        points = Imitator.from_demonstrations(Demonstrations(10, names, (one,), "a")).config.points
+    assert points == Points(Point("hand", (0, 1, 2)), (Point("box", (3, 4, 5)),))
 
 
 def test_where_all_that_was_found_is_padding_a_warning_says_so():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pacnet.imitator.points import find_points
+from pacnet.imitator.point_names import find_points, unordered_quaternions
 from pacnet.schemas.points import Point, Points
 
 STATE, SURROUNDINGS = "observation.state", "observation.environment_state"
@@ -89,6 +89,17 @@ def test_speeds_and_rotations_are_no_points(names: str):
     assert points.moved.place == (first, first + 1, first + 2)
 
 
+@pytest.mark.parametrize("name", ["eef_to_cube_", "hand_to_object.", "cube_from_hand.pos."])
+def test_differences_of_places_are_no_points(name: str):
+    between = " ".join(f"{name}{axis}" for axis in "xyz")
+    assert found(axes("hand"), between) is None
+    assert found(axes("hand"), f"{axes('box')} {between}") == Points(HAND, (BOX,))
+    assert found(axes("hand"), axes("tomato")) is not None  # which only begins like a "to"
+    feature = f"observation.{name.rstrip('._').removesuffix('.pos')}_pos"
+    features = {STATE: ("hand.x", "hand.y", "hand.z"), feature: ("0", "1", "2")}
+    assert find_points(features, (STATE,)).points is None
+
+
 def test_bare_coordinates_of_a_speed_are_no_point():
     features = {STATE: ("x", "y"), "observation.velocity": ("x", "y")}
     assert find_points(features, (STATE,)).points is None
@@ -101,6 +112,10 @@ def test_bare_coordinates_of_a_speed_are_no_point():
         ("box.qw box.qx box.qy box.qz", (6, 7, 8, 9)),
         ("box_quat.qx box_quat.qy box_quat.qz box_quat.qw", (9, 6, 7, 8)),
         ("box.rx box.ry box.rz", (6, 7, 8)),
+        ("box_quat_w box_quat_x box_quat_y box_quat_z", (6, 7, 8, 9)),
+        ("box.orientation.x box.orientation.y box.orientation.z box.orientation.w", (9, 6, 7, 8)),
+        ("box.rotation.x box.rotation.y box.rotation.z", ()),
+        ("box.angle", (6,)),
         ("box.yaw", (6,)),
         ("box.theta", (6,)),
         ("box.roll box.pitch box.yaw", ()),
@@ -111,6 +126,29 @@ def test_bare_coordinates_of_a_speed_are_no_point():
 def test_an_orientation_stands_beside_a_place(beside: str, orientation: tuple[int, ...]):
     points = found(axes("hand"), f"{axes('box')} {beside}")
     assert points == Points(HAND, (Point("box", (3, 4, 5), orientation),))
+
+
+@pytest.mark.parametrize(
+    ("names", "orientation"),
+    [
+        (("qw", "qx", "qy", "qz"), (6, 7, 8, 9)),
+        (("box_x", "box_y", "box_z", "box_w"), (9, 6, 7, 8)),
+        (("0", "1", "2", "3"), ()),
+    ],
+)
+@pytest.mark.parametrize("end", ["quat", "orientation"])
+@pytest.mark.parametrize("place", [("0", "1", "2"), ("x", "y", "z")])
+def test_a_quaternion_may_be_a_feature_beside_a_place(names, orientation, end: str, place):
+    """It is one if its names say in which order it is, else it is told of."""
+    features = {
+        STATE: ("hand.x", "hand.y", "hand.z"),
+        "observation.box_pos": place,
+        f"observation.box_{end}": names,
+    }
+    points = find_points(features, (STATE,)).points
+    assert points == Points(HAND, (Point("box", (3, 4, 5), orientation),))
+    left_out = {} if orientation else {"box": f"observation.box_{end}"}
+    assert unordered_quaternions(features, points) == left_out
 
 
 def test_a_flat_point_is_turned_by_an_angle():
