@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 MIN_EXPLAINED = 0.2  # share of the moved point's change that actions and momentum must predict
 _TOLD = 0.3  # share that is left at most, of what its own movement leaves, of a moved point
-_UNTOLD = 0.95  # and more than that of one that actions do not move
+_UNTOLD = 0.8  # and more than that of one that actions do not move
 _LEAD = 0.0625  # [s] over which an action shows its effect
 _SHARE = 0.1  # of its largest size, which is the least range of what is no point
 _LEAST_RANGE = 2.0  # the same, in deviations of the percepts' scale
