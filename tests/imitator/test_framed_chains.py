@@ -52,6 +52,13 @@ def corrected(first: list[Demonstration], *corrections: Demonstration) -> Imitat
     return imitator
 
 
+def begins_of(imitator: Imitator) -> dict[int, int]:
+    """How each demonstration begins."""
+    assert imitator.frames is not None
+    kept = imitator.frames.segments.columns()
+    return dict(zip(kept["demonstration"].tolist(), kept["begins"].tolist(), strict=True))
+
+
 def successes(imitator: Imitator) -> list[bool]:
     return [act(imitator, somewhere(PLAIN, seed)) for seed in SEEDS]
 
@@ -132,6 +139,16 @@ def test_episodes_go_by_all_their_parts(whole: Demonstration):
     )
 
 
+@pytest.mark.parametrize(("gap", "reference"), [((5, 8), "object"), ((74, 77), "goal")])
+def test_what_no_landmark_was_seen_for_before_a_gap_is_on_the_way_to_the_one_after_it(
+    whole: Demonstration, gap: tuple[int, int], reference: str
+):
+    imitator = taught(PLAIN, with_gaps(whole, gap), elsewhere(1), demonstrate(somewhere(PLAIN, 1)))
+    last = imitator.cuts[0].segments[-1]
+    assert (last.landmark, last.reference) == ("world", reference)
+    assert all(cut.is_usual for cut in imitator.cuts)
+
+
 @pytest.mark.parametrize("begin", [30, 60, MIDDLE, 90])
 def test_a_correction_from_the_middle_does_no_harm(whole: Demonstration, begin: int):
     imitator = corrected([whole], elsewhere(1).part(begin, FRAMES))
@@ -155,10 +172,12 @@ def test_a_correction_from_the_middle_is_followed_where_it_is_needed(whole: Demo
 
 @pytest.mark.parametrize("end", [56, 66])
 def test_after_a_correction_what_is_left_of_the_task_is_done(whole: Demonstration, end: int):
-    """It shows the way to the object only, and is all that is known of the scene's beginning."""
+    """It shows the way to the object only; the way to the goal is the whole one's second segment."""
     before = elsewhere(1)
     imitator = corrected([whole], before.part(10, end))
-    after = imitator._latest().framed.segments.after.tolist()
+    known = imitator._latest().framed
+    assert known is not None
+    after = known.segments.after.tolist()
     assert after[:2] == [1, -1]
     assert after[-1] == 1
 
@@ -173,12 +192,8 @@ def test_what_begins_in_the_middle_is_followed_if_there_is_nothing_else(whole: D
 def test_corrections_of_one_episode_are_apart_unless_only_time_is_missing(whole: Demonstration):
     one = elsewhere(1)
     parts = one.part(20, 40), replace(one, gaps=(90,)).part(MIDDLE, FRAMES)
-    begins = corrected([whole], *parts).frames.segments.columns()
-    of = dict(zip(begins["demonstration"].tolist(), begins["begins"].tolist(), strict=True))
-    assert of == {0: 0, 1: 2, 2: 2, 3: 1}
-    begins = taught(PLAIN, whole, *parts).frames.segments.columns()
-    of = dict(zip(begins["demonstration"].tolist(), begins["begins"].tolist(), strict=True))
-    assert of == {0: 0, 1: 2, 2: 1, 3: 1}
+    assert begins_of(corrected([whole], *parts)) == {0: 0, 1: 2, 2: 2, 3: 1}
+    assert begins_of(taught(PLAIN, whole, *parts)) == {0: 0, 1: 2, 2: 1, 3: 1}
 
 
 @pytest.mark.parametrize("end", [5, 40, 60, 90, 110])
