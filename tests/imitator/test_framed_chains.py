@@ -172,7 +172,7 @@ def test_a_correction_from_the_middle_is_followed_where_it_is_needed(whole: Demo
 
 @pytest.mark.parametrize("end", [56, 66])
 def test_after_a_correction_what_is_left_of_the_task_is_done(whole: Demonstration, end: int):
-    """It shows the way to the object only; the way to the goal is the whole one's second segment."""
+    """It shows the way to the object only; the way to the goal is the other's segment 1."""
     before = elsewhere(1)
     imitator = corrected([whole], before.part(10, end))
     known = imitator._latest().framed
