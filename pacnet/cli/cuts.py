@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pacnet.cli.reports import place_text
 
 if TYPE_CHECKING:
+    from pacnet.imitator.cuts import ShownCut
     from pacnet.imitator.imitator import Imitator
 
 _MOST_NAMED = 5  # episodes that are listed by number
@@ -35,12 +36,17 @@ def describe_cuts(imitator: Imitator) -> dict[str, Any]:
             "first_frame": report.first_frame,
             "task": report.task,
             "is_followed": cut.is_usual,
-            "reaches_nothing": {*cut.landmarks} == {WORLD_NAME},
+            "reaches_nothing": _landmarks(cut) == {WORLD_NAME},
             "segments": [segment._asdict() for segment in cut.segments],
         }
         for report, cut in zip(imitator.reports, cuts, strict=False)
     ]
     return {"explained": explained, "cuts": rows}
+
+
+def _landmarks(cut: ShownCut) -> set[str]:
+    """Return the landmarks that a demonstration goes to, and in whose frames it is kept."""
+    return {name for part in cut.segments for name in (part.landmark, part.reference)}
 
 
 def cut_pairs(document: Mapping[str, Any]) -> list[tuple[str, str]]:

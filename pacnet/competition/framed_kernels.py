@@ -23,6 +23,7 @@ from pacnet.kernels.turns import (
     turn_of,
     vector_of,
 )
+from pacnet.schemas.chains import ANY_LEG, GOES_ON
 from pacnet.schemas.layout_kernels import layout_at
 
 FADE = 0.6  # share of a segment's path along which its offset fades
@@ -60,13 +61,15 @@ def follow(places, turns, others, segments, allowed, state, settings, model, act
     _look(places, turns, settings, state)
     if state.segment[0] == NO_SEGMENT:
         _choose(0, ANY, others, segments, allowed, settings.extent, state)
+        if state.segment[0] == NO_SEGMENT:
+            _choose(ANY_LEG, ANY, others, segments, allowed, settings.extent, state)
     else:
         lost = _lost(segments, settings.extent, state)
         if lost == NO_SEGMENT:
             _go_on(others, segments, allowed, settings, state)
         else:  # what was held is picked up again
-            order, landmark = segments.order[lost], segments.landmark[lost]
-            _choose(order, landmark, others, segments, allowed, settings.extent, state)
+            leg, landmark = segments.leg[lost], segments.landmark[lost]
+            _choose(leg, landmark, others, segments, allowed, settings.extent, state)
     if state.segment[0] != NO_SEGMENT:
         _act(segments, settings, state, model, action)
 
@@ -96,12 +99,12 @@ def _look(places, turns, settings, state):
 
 
 @njit
-def _choose(order, landmark, others, segments, allowed, extent, state):
+def _choose(leg, landmark, others, segments, allowed, extent, state):
     """Begin the segment whose beginning looks most like the present scene, if there is any.
 
     Args:
-        order: number of the segment in its demonstration.
-        landmark: of the segment, or `ANY`.
+        leg: its number, or `ANY_LEG`.
+        landmark: of the segment; `ANY` at the beginning of an episode.
         others: `[Q]`.
         segments: `Segments`.
         allowed: bool `[S]`.
@@ -114,8 +117,8 @@ def _choose(order, landmark, others, segments, allowed, extent, state):
     for s in range(len(allowed)):
         state.candidate[s] = (
             allowed[s]
-            and segments.order[s] == order
             and (landmark == ANY or segments.landmark[s] == landmark)
+            and _is_leg(segments.leg[s], leg, landmark == ANY)
         )
         usual |= state.candidate[s] and segments.usual[s]
     for s in range(len(allowed)):
@@ -131,6 +134,14 @@ def _choose(order, landmark, others, segments, allowed, extent, state):
                 best, least = s, apart
     if best != NO_SEGMENT:
         _begin(best, segments.first[best], segments, state)
+
+
+@njit
+def _is_leg(own, leg, at_beginning):
+    """Return whether a segment may be the leg that is wanted, by its own number."""
+    if at_beginning or own == GOES_ON:
+        return own == leg
+    return own in (leg, ANY_LEG) or leg == ANY_LEG
 
 
 @njit
@@ -182,7 +193,7 @@ def _lost(segments, extent, state):
         if norm(hold) < HELD * extent and _is_elsewhere(hold, m + 1, row, segments, extent, state):
             earlier = segment - 1
             for _ in range(segments.order[segment]):
-                if segments.landmark[earlier] == m:
+                if segments.landmark[earlier] == m and segments.leg[earlier] != GOES_ON:
                     return earlier
                 earlier -= 1
     return NO_SEGMENT
@@ -244,8 +255,11 @@ def _go_on(others, segments, allowed, settings, state):
     _remember(error, state)
     if row + steps > last and row == last and segments.after[segment] != NO_SEGMENT:
         after = segments.after[segment]
-        order, landmark = segments.order[after], segments.landmark[after]
-        _choose(order, landmark, others, segments, allowed, settings.extent, state)
+        leg, landmark = segments.leg[after], segments.landmark[after]
+        if leg == GOES_ON:
+            _begin(after, segments.first[after], segments, state)
+        else:
+            _choose(leg, landmark, others, segments, allowed, settings.extent, state)
     elif row + steps > last and row == last and _is_undone(segment, segments, settings, state):
         _repeat(segment, others, segments, settings.extent, state)
     else:

@@ -38,7 +38,7 @@ class ShownCut(NamedTuple):
     segments: tuple[ShownSegment, ...]
     """In order, without gaps; neighbours have different landmarks."""
     is_usual: bool
-    """Whether it goes to the landmarks that most of its task go to; else it is not followed."""
+    """Whether its episode goes where most of its task go, to the end; else it is not followed."""
 
     @property
     def landmarks(self) -> tuple[str, ...]:

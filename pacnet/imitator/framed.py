@@ -41,10 +41,6 @@ class FramedKnown(NamedTuple):
     first: NDArray[np.int64]
     """The first row of each demonstration, and the end of the last one, `[E + 1]`."""
 
-    def bounds_of_demonstration(self, number: int) -> tuple[int, int]:
-        """Return the first and the last row of a demonstration."""
-        return self.first[number].item(), self.first[number + 1].item() - 1
-
 
 class FramedSchemas(nn.Module):
     """The part of an imitator that keeps targets in the frames of landmarks.
@@ -76,10 +72,16 @@ class FramedSchemas(nn.Module):
         poses = [poses_of(scene, self.config.points.moved) for scene in scenes]
         fit_to_poses(self.forward_model, poses, demonstrations)
 
-    def cut(self, number: int, percepts: NDArray[np.float32]) -> None:
-        """Keep where demonstration `number`, of percepts `[T, D]` in their own units, is cut."""
+    def cut(self, number: int, percepts: NDArray[np.float32], begins: int) -> None:
+        """Keep where a demonstration is cut.
+
+        Args:
+            number: its own.
+            percepts: `[T, D]`, in their own units.
+            begins: how; see `SegmentMemory.append`.
+        """
         places = self._smoothed(percepts).places
-        self.segments.append(number, cut(places, self.config.size, self.fps))
+        self.segments.append(number, cut(places, self.config.size, self.fps), begins)
 
     def _smoothed(self, percepts: NDArray[np.float32]) -> Scene:
         seen = scene_of(percepts, self.config.points)

@@ -44,15 +44,17 @@ def framed_step(
     found = score(places, others, known.bounds, config)
     is_novel = not found.novelty <= NOVEL
     segment, row = state.segment.item(), state.row.item()
-    target, followed, progress, done, landmark = None, (), 0.0, False, None
+    target, followed, progress, done, landmark, number = None, (), 0.0, False, None, None
     if segment != NO_SEGMENT:
-        number = segments.demonstration[segment].item()
-        first, last = known.bounds_of_demonstration(number)
+        demonstration = segments.demonstration[segment].item()
         target = wanted.astype(np.float32)
-        followed = (Followed(number, row - first, 1.0),)
+        followed = (Followed(demonstration, row - known.first[demonstration].item(), 1.0),)
+        begin, end = segments.chain_around(segment)
+        first, last = segments.first[begin].item(), segments.end[end - 1].item() - 1
         progress = (row - first) / max(1, last - first)
-        done = row >= last - end_frames
+        done = bool(segments.after[end - 1] == NO_SEGMENT) and row >= last - end_frames
         landmark = landmark_name(config.points, segments.landmark[segment].item())
+        number = segment - int(np.searchsorted(segments.demonstration, demonstration))
     return ImitatorStep(
         None if is_novel else target,
         is_novel,
@@ -65,5 +67,5 @@ def framed_step(
         followed,
         target,
         landmark,
-        None if segment == NO_SEGMENT else segments.order[segment].item(),
+        number,
     )

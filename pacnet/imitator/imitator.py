@@ -30,7 +30,7 @@ from pacnet.imitator.checks import check_demonstrations
 from pacnet.imitator.forward_model import fit
 from pacnet.imitator.framed_novelty import novelty_of
 from pacnet.imitator.framed_step import framed_step
-from pacnet.imitator.learning import Draft
+from pacnet.imitator.learning import Draft, how_begins
 from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.points import PointsChoice
 from pacnet.imitator.recognizing import recognizer_of
@@ -125,11 +125,12 @@ class Imitator(ImitatorState):
     ) -> list[EpisodeReport]:
         """Learn each demonstration, in order, in addition to what is known.
 
-        Nothing is learned across gaps: the parts between them count as demonstrations each. All
-        frames are kept unless there is a budget. The scale of percepts never changes. The forward
-        model is fitted to the first demonstrations only: it depends on the robot, not on the task.
-        With points, it is fitted at the first call with demonstrations that are long enough; until
-        then the shown actions are sent without a correction.
+        Nothing is learned across gaps: the parts between them count as demonstrations each. With
+        points, what is shown after a gap follows what was shown before it. All frames are kept
+        unless there is a budget. The scale of percepts never changes. The forward model is fitted
+        to the first demonstrations only: it depends on the robot, not on the task. With points, it
+        is fitted at the first call with demonstrations that are long enough; until then the shown
+        actions are sent without a correction.
         In eval mode nothing is learned. Ctrl-C takes effect after the current demonstration; after
         an error what was known before that demonstration is intact. The mean first action is of
         demonstrations that begin with their episode, where there are any.
@@ -352,8 +353,11 @@ class Imitator(ImitatorState):
             targets = self._targets(shown)
             tasks, name = self.tasks, task_name(shown.task)
             task = tasks.index(name) if name in tasks else len(tasks)
+            begins = how_begins(
+                demonstrations.source, shown, correction, self.reports[-1] if number else None
+            )
             observed, novelty = draft.learn(
-                shown.percepts, targets.numpy(), task, correction, config
+                shown.percepts, targets.numpy(), task, correction, config, begins
             )
             first_action = self.first_action if correction else self._mean_first_action(shown)
             report = EpisodeReport(

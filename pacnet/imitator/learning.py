@@ -10,14 +10,45 @@ from pacnet.attention.records import Observation
 from pacnet.attention.sofm import HabituatingSOFM
 from pacnet.core.drafts import adopt, draft_of
 from pacnet.core.validation import MAX_VALUE
+from pacnet.datasets.demonstrations import Demonstration
 from pacnet.forward_models.correction import LinearCorrection
 from pacnet.imitator.budget import kept_rows
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.framed import FramedSchemas
 from pacnet.imitator.novelty import NoveltyDetector, strides
+from pacnet.imitator.records import EpisodeReport, task_name
 from pacnet.schemas.demonstration_memory import DemonstrationMemory
+from pacnet.schemas.segments import CONTINUES, MIDDLE, WHOLE
 
 _APART = 0.05  # [s] between the frames of a single demonstration that are compared
+
+
+def how_begins(
+    dataset: str, shown: Demonstration, correction: bool, before: EpisodeReport | None
+) -> int:
+    """Return how a demonstration begins: `WHOLE`, `CONTINUES` or `MIDDLE`.
+
+    Corrections of one episode are demonstrations of their own unless only time is missing between
+    them, not frames.
+
+    Args:
+        dataset: name of its dataset.
+        shown: the demonstration.
+        correction: whether it shows what to do where percepts were novel.
+        before: the report of the demonstration learned before it, if any.
+    """
+    if shown.first_frame == 0:
+        return WHOLE
+    own = dataset, shown.episode, task_name(shown.task), correction
+    if before is None or own != (
+        before.dataset, before.episode, task_name(before.task), before.correction
+    ):  # fmt: skip
+        return MIDDLE
+    if correction:
+        continues = shown.first_frame == before.first_frame + before.frames
+    else:
+        continues = shown.first_frame > before.first_frame
+    return CONTINUES if continues else MIDDLE
 
 
 class Draft:
@@ -45,6 +76,7 @@ class Draft:
         task: int,
         correction: bool,
         config: ImitatorConfig,
+        begins: int,
     ) -> tuple[Observation, float | None]:
         """Learn one demonstration.
 
@@ -54,6 +86,7 @@ class Draft:
             task: its number.
             correction: whether it shows what to do where percepts were novel.
             config: of the imitator.
+            begins: how; see `SegmentMemory.append`.
 
         Returns:
             What the map did, and the largest novelty before; None for the first demonstration, and
@@ -68,7 +101,7 @@ class Draft:
         changes = (changes * config.scaling.change_ratio).clip(-MAX_VALUE, MAX_VALUE)
         self.memory.append(scaled, changes.astype(np.float32), targets, task, correction)
         if self.frames is not None:
-            self.frames.cut(len(self.memory) - 1, percepts.numpy())
+            self.frames.cut(len(self.memory) - 1, percepts.numpy(), begins)
             return observed, novelty
         if config.budget is not None and len(self.memory.rows) > config.budget:
             self._forget(config.budget, self.sofm.scale / percepts.new_tensor(config.scaling.scale))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -11,6 +10,15 @@ from numpy.typing import NDArray
 
 from pacnet.attention.cutting import carried
 from pacnet.forward_models.affine_rows import placed
+from pacnet.schemas.chains import (
+    ANY_LEG,
+    GOES_ON,
+    Chains,
+    after_gaps,
+    in_chains,
+    successors,
+    usual_chains,
+)
 from pacnet.schemas.demonstration_memory import Shown
 from pacnet.schemas.frame_choice import choose_landmarks
 from pacnet.schemas.frames import FramesConfig
@@ -31,7 +39,6 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 _ACTION_TIME = 0.04  # [s] over which shown actions are averaged
-_ENOUGH = 3  # demonstrations of a task from which the usual landmarks can be told
 
 
 class Framed(NamedTuple):
@@ -92,7 +99,7 @@ def segments_of(
 
     Args:
         demonstrations: E of them.
-        cuts: demonstration, frames and landmark of each segment, `[S]`; see `SegmentMemory`.
+        cuts: see `SegmentMemory.columns`.
         shown: the same demonstrations.
         extent: size of the scene.
     """
@@ -105,28 +112,56 @@ def segments_of(
     scene, number = Scene(places, turns), cuts["demonstration"]
     end = cuts["frames"].cumsum()
     first = end - cuts["frames"]
-    order, after = _in_order(number)
-    usual = _usual(cuts["landmark"], number, shown)
-    kinds = np.where(usual, shown.task[number] * (order.max() + 1) + order, NO_SEGMENT)
-    landmark = choose_landmarks(scene, carried, cuts, kinds, extent)
+    rests = ~np.logical_or.reduceat(carried, first)
+    cuts = {**cuts, "landmark": after_gaps(cuts, rests)}
+    chains = in_chains(cuts, cuts["landmark"], shown)
+    usual, landmark = _usual(scene, carried, cuts, chains, extent)
+    after = successors(chains, landmark, usual)
     origin, axes = landmark_of(scene, landmark.repeat(cuts["frames"]))
     back = conjugate(axes)
     place = rotate(back, places[:, 0] - origin)
     seen = [rotate(back, velocity[:, :3]), rotate(back, velocity[:, 3:])]
     return Segments(
-        first, end, landmark, number, order, after, usual,
+        first, end, landmark, number, chains.order, chains.leg, after, usual,
         layouts(places[first], turns[first], others[first], extent),
         places, turns, place, multiply(back, turns[:, 0]), np.concatenate(seen, axis=1), axes,
         _shares(place, first, end), action, others, carried,
     )  # fmt: skip
 
 
-def _in_order(number: Numbers) -> tuple[Numbers, Numbers]:
-    """Return the number of each segment in its demonstration, and the one after it, `[S]`."""
-    index, begins = np.arange(len(number)), np.diff(number, prepend=-1) != 0
-    order = index - np.maximum.accumulate(np.where(begins, index, 0))
-    after = np.where(np.append(begins[1:], True), NO_SEGMENT, index + 1)
-    return order, after
+def _usual(
+    scene: Scene,
+    carried: NDArray[np.bool_],
+    cuts: Mapping[str, Numbers],
+    chains: Chains,
+    extent: float,
+) -> tuple[NDArray[np.bool_], Numbers]:
+    """Return whether segments are of usual chains, and in whose frames they are kept, `[S]` each.
+
+    How near the moved point comes to a landmark says whether it was attained only where the frame
+    is that landmark's. So what is usual is told first by the landmarks alone.
+    """
+    attended, frames = cuts["landmark"], cuts["frames"]
+    goal, first = attended.repeat(frames) + 1, frames.cumsum() - frames
+    apart = np.linalg.norm(scene.places[np.arange(len(goal)), goal] - scene.places[:, 0], axis=1)
+    nearest = np.minimum.reduceat(apart, first)  # 0 without a landmark
+    usual, landmark = np.ones(len(attended), bool), attended
+    for distance in (np.zeros(len(attended)), nearest):
+        known = np.where(landmark == attended, distance, 0.0)
+        usual = usual_chains(chains, attended, known, extent)[chains.chain]
+        landmark = choose_landmarks(scene, carried, cuts, _kinds(chains, usual), extent)
+        for one in np.flatnonzero(chains.leg == GOES_ON)[::-1]:  # one leg has one landmark
+            landmark[one - 1] = landmark[one]
+    return usual, landmark
+
+
+def _kinds(chains: Chains, usual: NDArray[np.bool_]) -> Numbers:
+    """Return which segments end what is shown alike, by number, `NO_SEGMENT` for others, `[S]`."""
+    goes_on = chains.leg == GOES_ON
+    leg = np.maximum.accumulate(np.where(goes_on, 0, np.arange(len(goes_on))))  # where it begins
+    leg = chains.leg[leg]
+    ends = ~np.append(goes_on[1:], False) & (leg != ANY_LEG) & usual
+    return np.where(ends, chains.task[chains.chain] * (leg.max() + 1) + leg, NO_SEGMENT)
 
 
 def _shares(place: Array, first: NDArray[np.int64], end: NDArray[np.int64]) -> Array:
@@ -136,20 +171,3 @@ def _shares(place: Array, first: NDArray[np.int64], end: NDArray[np.int64]) -> A
     frames = end - first
     begin, whole = way[first].repeat(frames), (way[end - 1] - way[first]).repeat(frames)
     return (way - begin) / np.maximum(whole, 1e-300)
-
-
-def _usual(landmark: Numbers, number: Numbers, shown: Shown) -> NDArray[np.bool_]:
-    """Return whether segments are of demonstrations that go where most of their task go, `[S]`.
-
-    A demonstration that goes back, since something failed, is left to the others. A correction is
-    usual where it is needed.
-    """
-    cuts = np.flatnonzero(np.diff(number)) + 1
-    ways = [tuple(part.tolist()) for part in np.split(landmark, cuts)]
-    usual = np.ones(len(ways), bool)
-    for one in set(shown.task.tolist()):
-        alike = np.flatnonzero((shown.task == one) & ~shown.correction)
-        if len(alike) >= _ENOUGH:
-            most, count = Counter(ways[index] for index in alike).most_common(1)[0]
-            usual[alike] = [2 * count <= len(alike) or ways[index] == most for index in alike]
-    return usual[number]

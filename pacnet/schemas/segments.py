@@ -22,6 +22,10 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 NO_SEGMENT = -1
 
+WHOLE, CONTINUES, MIDDLE = 0, 1, 2
+"""How a demonstration begins: with its episode, as the part after a gap of the demonstration before
+it, or somewhere in the middle of its task, such as a correction."""
+
 
 class Segments(NamedTuple):
     """All segments, for kernels. R frames, S segments, P points, M = P − 1 landmarks, U actions.
@@ -38,11 +42,13 @@ class Segments(NamedTuple):
     demonstration: Numbers
     """Number of its demonstration, `[S]`."""
     order: Numbers
-    """Its number in the demonstration, `[S]`."""
+    """Its number in the chain of demonstrations, the parts of one episode, `[S]`."""
+    leg: Numbers
+    """Number of its leg in the chain, or one of the marks in `pacnet.schemas.chains`, `[S]`."""
     after: Numbers
-    """The next segment of the demonstration, `NO_SEGMENT` after the last one, `[S]`."""
+    """The next segment of the chain, `NO_SEGMENT` after the last one of the task, `[S]`."""
     usual: NDArray[np.bool_]
-    """Whether its demonstration goes to the landmarks that most of its task go to, `[S]`."""
+    """Whether its chain goes where most of its task go, and is not cut off, `[S]`."""
     layout: Array
     """How the scene looks at its beginning, `[S, F]`; see `pacnet.schemas.layout_kernels`."""
     places: Array
@@ -66,6 +72,12 @@ class Segments(NamedTuple):
     carried: NDArray[np.bool_]
     """Whether each landmark moves, `[R, M]`."""
 
+    def chain_around(self, segment: int) -> tuple[int, int]:
+        """Return the first segment of a segment's chain, and the one after its last one."""
+        later = np.flatnonzero(self.order[segment + 1 :] == 0)
+        end = segment + 1 + later[0].item() if len(later) else len(self.order)
+        return segment - self.order[segment].item(), end
+
 
 class SegmentMemory(nn.Module):
     """A store of where demonstrations are cut, which grows in amortised constant time.
@@ -78,11 +90,18 @@ class SegmentMemory(nn.Module):
         super().__init__()
         self.landmarks = landmarks
         column = Column((), torch.int64)
-        self.rows = GrowableRows({"demonstration": column, "frames": column, "landmark": column})
+        names = ("demonstration", "frames", "landmark", "begins")
+        self.rows = GrowableRows(dict.fromkeys(names, column))
         check_on_load(self)
 
-    def append(self, demonstration: int, landmarks: Numbers) -> None:
-        """Keep the cut of one demonstration, the landmark of each of its frames `[T]`."""
+    def append(self, demonstration: int, landmarks: Numbers, begins: int = WHOLE) -> None:
+        """Keep the cut of one demonstration.
+
+        Args:
+            demonstration: its number.
+            landmarks: of each of its frames, `[T]`.
+            begins: `WHOLE`, `CONTINUES` or `MIDDLE`.
+        """
         cuts = np.flatnonzero(np.diff(landmarks)) + 1
         first = np.r_[0, cuts]
         frames = np.diff(np.r_[first, len(landmarks)])
@@ -91,10 +110,11 @@ class SegmentMemory(nn.Module):
         arrays["demonstration"][begin:end] = demonstration
         arrays["frames"][begin:end] = frames
         arrays["landmark"][begin:end] = landmarks[first]
+        arrays["begins"][begin:end] = begins
         self.rows.set_length(end)
 
     def columns(self) -> dict[str, Numbers]:
-        """Return a copy of demonstration, frames and landmark of each segment, `[S]` each."""
+        """Return a copy of what is kept of each segment, by name, `[S]` each."""
         return {name: self.rows.live(name).numpy().copy() for name in self.rows.columns}
 
     def versions(self) -> BufferVersions:
@@ -121,6 +141,7 @@ class SegmentMemory(nn.Module):
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         check_structure(self, tensors)
         demonstration, frames = tensors["rows.demonstration"], tensors["rows.frames"]
+        begins, alike = tensors["rows.begins"], demonstration.diff() == 0
         check_conditions(
             {
                 "demonstrations in order": bool(
@@ -128,5 +149,8 @@ class SegmentMemory(nn.Module):
                 ),
                 "segments of frames": (frames > 0).all(),
                 "landmarks there are": within(tensors["rows.landmark"] + 1, self.landmarks + 1),
+                "beginnings there are": within(begins, MIDDLE + 1)
+                and not (begins[:1] == CONTINUES).any()
+                and not (begins.diff()[alike] != 0).any(),
             }
         )

@@ -227,6 +227,7 @@ def test_a_state_that_is_loaded_takes_the_place_of_another(learned: Imitator):
 
 
 ROWS = "frames.segments.rows."
+NAMES = ("demonstration", "frames", "landmark", "begins")
 Damage = dict[str, Callable[[Tensor], Tensor]]
 
 
@@ -247,7 +248,10 @@ def instead(*numbers: int) -> Callable[[Tensor], Tensor]:
         ({ROWS + "demonstration": instead(1, 0)}, "demonstrations in order"),
         ({ROWS + "landmark": instead(2, 0)}, "landmarks there are"),
         ({ROWS + "landmark": instead(-2, 0)}, "landmarks there are"),
-        (all_but_one(ROWS, "frames", "landmark", "demonstration"), "of whole demonstrations"),
+        (all_but_one(ROWS, *NAMES), "of whole demonstrations"),
+        ({ROWS + "begins": instead(0, 2)}, "beginnings there are"),
+        ({ROWS + "begins": instead(1, 1)}, "beginnings there are"),
+        ({ROWS + "begins": instead(3, 3)}, "beginnings there are"),
         (all_but_one(ROWS, "landmark"), "rows.landmark of SegmentMemory"),
         (
             {"frames.forward_model.gain": lambda gain: gain * torch.nan},

@@ -102,7 +102,7 @@ def test_segments_are_those_of_the_cuts():
     assert segments.demonstration.tolist() == [0, 0, 1]
     assert segments.order.tolist() == [0, 1, 0]
     assert segments.after.tolist() == [1, NO_SEGMENT, NO_SEGMENT]
-    assert segments.usual.all()
+    assert segments.usual.tolist() == [True, True, False]  # the other one is cut off
 
 
 def test_places_are_those_that_the_landmark_sees():
@@ -202,6 +202,14 @@ def test_what_is_carried_is_marked():
         ([[0, 1], [0, 1], [0, 1, 0]], [0, 0, 0], None, [1, 1, 0]),
         ([[0, 1], [1], [0, 1], [0, 1]], [0] * 4, None, [1, 0, 1, 1]),
         ([[0, 1], [1]], [0, 0], None, [1, 1]),  # too few to tell
+        ([[0, 1], [0]], [0, 0], None, [1, 0]),  # cut off
+        ([[0, -1], [0, 1]], [0, 0], None, [0, 1]),
+        ([[-1], [0, 1]], [0, 0], None, [0, 1]),  # reaches nothing
+        ([[0], [0], [0, 1]], [0] * 3, None, [0, 0, 1]),  # although they are more
+        ([[0], [0], [0], [0, 1]], [0] * 4, None, [1, 1, 1, 0]),  # too many to be all cut off
+        ([[0, 1], [0, 1, 0]], [0, 0], None, [1, 1]),  # back to where it was
+        ([[0], [0, 1]], [0, 1], None, [1, 1]),  # another task
+        ([[0, 1], [0]], [0, 0], [False, True], [1, 1]),
         ([[0, 1], [0, 1], [1]], [0, 0, 1], None, [1, 1, 1]),  # another task
         ([[0, 1], [0, 1], [0, 1], [1]], [0] * 4, [False] * 3 + [True], [1, 1, 1, 1]),
         ([[0, 1], [0, 1], [1]], [0] * 3, [False, False, True], [1, 1, 1]),

@@ -14,7 +14,7 @@ CUTS = [[0, 0, 0, 1, 1], [-1], [1, 0, 0, 1]]  # the landmark of each frame of de
 def memory_of(cuts: list[list[int]], landmarks: int = 2) -> SegmentMemory:
     memory = SegmentMemory(landmarks)
     for number, labels in enumerate(cuts):
-        memory.append(number, np.array(labels))
+        memory.append(number, np.array(labels), number)
     return memory
 
 
@@ -24,6 +24,7 @@ def test_cuts_are_kept_as_segments():
         "demonstration": [0, 0, 1, 2, 2, 2],
         "frames": [3, 2, 1, 1, 2, 1],
         "landmark": [0, 1, -1, 1, 0, 1],
+        "begins": [0, 0, 1, 2, 2, 2],
     }
 
 
@@ -65,6 +66,10 @@ def test_changes_are_noticed():
         ("frames", 2, -1, "segments of frames"),
         ("demonstration", 0, -1, "demonstrations in order"),
         ("demonstration", 1, 3, "demonstrations in order"),
+        ("begins", 0, 1, "beginnings there are"),
+        ("begins", 2, 3, "beginnings there are"),
+        ("begins", 2, -1, "beginnings there are"),
+        ("begins", 4, 1, "beginnings there are"),
     ],
 )
 def test_damaged_numbers_are_refused(name: str, row: int, value: int, message: str):
