@@ -65,7 +65,30 @@ def in_chains(cuts: Mapping[str, Numbers], landmark: Numbers, shown: Shown) -> C
     leg[goes_on] = GOES_ON
     of = number[is_first]
     is_whole = (begins[is_first] != MIDDLE) & ~shown.correction[of]
-    return Chains(is_first.cumsum() - 1, index - begin, leg, shown.task[of], is_whole)
+    chains = Chains(is_first.cumsum() - 1, index - begin, leg, shown.task[of], is_whole)
+    return chains._replace(leg=np.where(_are_later(chains, landmark), ANY_LEG, leg))
+
+
+def _are_later(chains: Chains, landmark: Numbers) -> NDArray[np.bool_]:
+    """Return which segments begin legs of corrections that show only the end of their task, `[S]`.
+
+    Recorded as an episode of its own, such a correction begins with that.
+    """
+    ways = _ways(chains, landmark)
+    later = np.zeros(len(ways), bool)
+    for index in np.flatnonzero(~chains.is_whole):
+        alike = np.flatnonzero(chains.is_whole & (chains.task == chains.task[index]))
+        way = ways[index]
+        ends = [ways[one][-len(way) :] == way != ways[one] for one in alike]
+        later[index] = any(ends) and way not in [ways[one] for one in alike]
+    return later[chains.chain] & (chains.leg != GOES_ON)
+
+
+def _ways(chains: Chains, landmark: Numbers) -> list[Way]:
+    """Return the landmarks of each chain's legs, in order."""
+    begins = np.flatnonzero(np.diff(chains.chain, prepend=-1))
+    legs = [np.flatnonzero(part != GOES_ON) for part in np.split(chains.leg, begins[1:])]
+    return [tuple(landmark[at + leg].tolist()) for at, leg in zip(begins, legs, strict=True)]
 
 
 def after_gaps(cuts: Mapping[str, Numbers], rests: NDArray[np.bool_]) -> Numbers:
@@ -118,8 +141,7 @@ def usual_chains(
         extent: size of the scene.
     """
     begins = np.flatnonzero(np.diff(chains.chain, prepend=-1))
-    legs = [np.flatnonzero(part != GOES_ON) for part in np.split(chains.leg, begins[1:])]
-    ways = [tuple(landmark[at + leg].tolist()) for at, leg in zip(begins, legs, strict=True)]
+    ways = _ways(chains, landmark)
     left = np.array([_left(part) for part in _parts(begins, landmark, distance)])
     usual = np.ones(len(ways), bool)
     for task in set(chains.task.tolist()):

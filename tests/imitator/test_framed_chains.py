@@ -150,8 +150,15 @@ def test_what_no_landmark_was_seen_for_before_a_gap_is_on_the_way_to_the_one_aft
 
 
 @pytest.mark.parametrize("begin", [30, 60, MIDDLE, 90])
-def test_a_correction_from_the_middle_does_no_harm(whole: Demonstration, begin: int):
-    imitator = corrected([whole], elsewhere(1).part(begin, FRAMES))
+@pytest.mark.parametrize("is_apart", [False, True])
+def test_a_correction_from_the_middle_does_no_harm(
+    whole: Demonstration, begin: int, is_apart: bool
+):
+    """Cut out of its episode, or recorded as one of its own."""
+    correction = elsewhere(1).part(begin, FRAMES)
+    if is_apart:
+        correction = replace(correction, first_frame=0)
+    imitator = corrected([whole], correction)
     assert all(successes(imitator))
     imitator.reset()
     assert imitator.step(somewhere(PLAIN, 0).percept).followed[0].demonstration == 0
