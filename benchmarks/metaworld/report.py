@@ -22,6 +22,7 @@ Place = tuple[str, int]  # a task and a draw
 FILM = Path(__file__).parents[2] / "docs" / "images" / "metaworld.gif"  # see `film`
 FILM_LINK = f"![Shown once on the left, imitated in other places on the right](images/{FILM.name})"
 SETS = (*tasks.SETS, tasks.OTHER)
+ALL = "all"
 TEXT = f"""`make metaworld` runs it: a robot's hand and gripper do a task of Metaworld at {FPS} Hz,
 from percepts of places alone: hand, gripper, objects, goal. Metaworld's scripted experts
 demonstrate, with noise of {NOISE:g} on each action; then things lie elsewhere. Success: share of
@@ -78,8 +79,8 @@ def sets_table(found: Found, failed: Mapping[str, str]) -> Table:
     """Return a row for each set of tasks, view and number of demonstrations."""
     learners = learners_of(found)
     rows = []
-    for name in SETS:
-        of_set = {c: r for c, r in found.items() if tasks.set_of(c.task) == name}
+    for name in (*SETS, ALL):
+        of_set = {c: r for c, r in found.items() if name in (ALL, tasks.set_of(c.task))}
         for view, count in _sorted_kinds(of_set):
             part = {c: r for c, r in of_set.items() if (c.view, c.demonstrations) == (view, count)}
             label = ", ".join(filter(None, (name, str(view), str(count))))

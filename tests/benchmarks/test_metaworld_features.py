@@ -6,6 +6,7 @@ from metaworld_toys import demonstrations, observation
 
 from benchmarks.metaworld import tasks
 from benchmarks.metaworld.features import (
+    GRIPPER,
     View,
     environment_names,
     landmarks_of,
@@ -73,12 +74,15 @@ def test_noise_is_of_all_places_in_metres_and_repeats_with_its_seed():
     assert np.array_equal(seen, view.see(percepts, np.random.default_rng(0)))
 
 
-def test_what_is_learned_from_is_seen_in_the_same_units_and_axes_without_noise():
+def test_what_is_learned_from_is_seen_in_the_same_units_axes_and_noise():
     shown = demonstrations(2)
     before = shown.episodes[1].percepts.clone()
-    seen = View(noise=0.1, units=10, turn=30).seen(shown)
+    seen = View(units=10, turn=30).seen(shown)
     expected = View(units=10, turn=30).see(before.numpy())
     assert np.array_equal(seen.episodes[1].percepts.numpy(), expected)
+    noisy = View(noise=0.1, units=10, turn=30).seen(shown).episodes[1].percepts.numpy()
+    apart = np.delete(noisy - expected, GRIPPER, axis=1)
+    assert apart.std() == pytest.approx(10 * 0.1, rel=0.2)
     assert seen.episodes[1].state.shape == (40, 4)
     assert np.array_equal(seen.episodes[1].action, shown.episodes[1].action)
     assert np.array_equal(shown.episodes[1].percepts, before)

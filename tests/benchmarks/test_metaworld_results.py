@@ -213,6 +213,9 @@ def test_tables_have_a_row_for_each_set_view_and_number_of_demonstrations():
         ("development, 5", "1", "50%", "100%"),
         ("development, noise 0.002, 20", "1", "–", "50%"),
         ("held-out, 1", "1", "100%", "50%"),
+        ("all, 1", "1", "100%", "50%"),
+        ("all, 5", "1", "50%", "100%"),
+        ("all, noise 0.002, 20", "1", "–", "50%"),
     ]
     assert report.tasks_table(found).rows == [
         ("reach, 5", "development", "50%", "100%"),

@@ -155,23 +155,27 @@ def test_the_comparison_holds_the_numbers_of_the_pages():
     measured = {number for row in PERFORMANCE.splitlines() for number in cells(row)}
     for row in rows[:5]:
         assert set(row[2:]) <= measured, row
+    successes = {row[0]: row for row in map(cells, BENCHMARKS.splitlines()) if len(row) == 7}
+    nearest, cloning, ours = 3, 6, 2  # columns
+    assert rows[5][2:] == [successes["all, 1"][column] for column in (nearest, ours)]
+    assert rows[6][2:] == [successes["all, 20"][column] for column in (cloning, ours)]
     errors = [cells(row) for row in BENCHMARKS.splitlines() if row.startswith(ROBOTS)][:3]
     means = [sum(float(row[column]) for row in errors) / 3 for column in (10, 6)]
-    assert rows[5][2:] == [f"{mean:.2f}" for mean in means]
+    assert rows[7][2:] == [f"{mean:.2f}" for mean in means]
     areas = [
         cells(row)[1]
         for learner in ("blended replay", "`Imitator`")
         for row in BENCHMARKS.splitlines()
         if row.startswith(f"| undisturbed, 3, {learner}")
     ]
-    assert rows[6][2:] == areas
+    assert rows[8][2:] == areas
 
     policies = shipped("behaviours/retraining.json")["policies"]
     successes = [scores["task_success_rate"]["mean"] for scores in policies.values()]
-    assert rows[7][2:] == [f"{success:.2f}" for success in successes[2:4]]
+    assert rows[9][2:] == [f"{success:.2f}" for success in successes[2:4]]
     conditions = shipped("wall_following/metrics.json")["conditions"]
     others = ("node's mean action", "teacher's controller")
-    assert [row[2:] for row in rows[8:]] == [
+    assert [row[2:] for row in rows[10:]] == [
         [f"{conditions[name]['tight']['mean']:.2f}" for name in (other, "recall")]
         for other in others
     ]
