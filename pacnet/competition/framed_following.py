@@ -83,7 +83,6 @@ class FramedFollower:
     """
 
     def __init__(self, config: FramesConfig, actions: int, fps: float) -> None:
-        self._config = config
         points = len(config.points.names)
         self.settings = FramedSettings(
             np.array(config.smoothing),

@@ -25,6 +25,8 @@ from pacnet.kernels.turns import (
 )
 from pacnet.schemas.chains import ANY_LEG, GOES_ON
 from pacnet.schemas.layout_kernels import layout_at
+from pacnet.schemas.scene import WORLD
+from pacnet.schemas.segments import NO_SEGMENT
 
 FADE = 0.6  # share of a segment's path along which its offset fades
 FLOOR = 0.01  # that the moved point may be off in any case
@@ -37,8 +39,6 @@ LOST = 0.15  # by how much what is held is elsewhere when it is lost
 TOGETHER = 0.6  # share of their distance that is left of landmarks that are brought together
 UNDONE = 0.05  # by how much farther apart they are when that has failed
 ANY = -2  # in place of a landmark
-NO_SEGMENT = -1
-WORLD = -1
 NOTHING = 1e300
 UNTURNED = (1.0, 0.0, 0.0, 0.0)
 

@@ -20,7 +20,7 @@ from pacnet.core.drafts import BufferVersions, Lock
 from pacnet.core.growable_rows import copy_on_state_dict
 from pacnet.core.integrity import check_conditions, check_structure
 from pacnet.core.interrupts import defer_sigint
-from pacnet.core.validation import check_row, check_rows, check_same_length
+from pacnet.core.validation import check_row
 from pacnet.forward_models.affine_arrays import AffineArrays, action_for, arrays_of
 from pacnet.forward_models.affine_fit import Law, fit_law
 from pacnet.forward_models.affine_rows import mean_ahead
@@ -65,7 +65,7 @@ class AffineForwardModel(SavedModel):
     """
 
     config_type = AffineForwardModelConfig
-    float_tensor = "gain"
+    float_tensor = checked_like = "gain"
 
     config: AffineForwardModelConfig
     gain: Tensor  # [S, U]
@@ -247,14 +247,6 @@ class AffineForwardModel(SavedModel):
     def _places(self, states: Tensor) -> Tensor:
         place = torch.tensor(self.config.follows, device=states.device)
         return states[:, place.clamp(min=0)].where(place >= 0, 0.0)
-
-    def _check(self, **rows: Tensor) -> None:
-        """Check states, velocities and targets `[B, S]` and actions `[B, U]`, equally many."""
-        for name, value in rows.items():
-            is_action = name == "actions"
-            columns = self.action_dimensions if is_action else self.config.state_dimensions
-            check_rows(name, value, columns, self.gain)
-        check_same_length(**rows)
 
     def check_loaded(self, tensors: Mapping[str, Any]) -> None:
         """Raise as `check_state`, but for no tensors at all, which a part of a state may have."""

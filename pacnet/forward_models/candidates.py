@@ -13,7 +13,7 @@ from torch import Tensor
 
 from pacnet.core.drafts import Lock
 from pacnet.core.integrity import check_finite, check_names
-from pacnet.core.validation import as_batch, check_rows, check_same_length, describe
+from pacnet.core.validation import as_batch, check_rows, describe
 from pacnet.forward_models.protocol import Command
 from pacnet.forward_models.saved_model import SavedModel
 
@@ -41,6 +41,8 @@ class CandidateModel(SavedModel):
     Args:
         config: settings of the subclass, see `config.py`.
     """
+
+    checked_like = "candidates"
 
     candidates: Tensor  # [K, U]
 
@@ -139,14 +141,6 @@ class CandidateModel(SavedModel):
             check_names(type(self).__name__, self.state_dict(), state_dict)
         with self._lock:
             return super().load_state_dict(state_dict, strict, assign)
-
-    def _check(self, **rows: Tensor) -> None:
-        """Check states and targets `[B, S]` and actions `[B, U]`, equally many."""
-        for name, value in rows.items():
-            is_action = name == "actions"
-            columns = self.action_dimensions if is_action else self.config.state_dimensions
-            check_rows(name, value, columns, self.candidates)
-        check_same_length(**rows)
 
     def _choose(self, states: Tensor, targets: Tensor, candidates: Tensor) -> list[Any]:
         """Return what `kernels.choose` returns for each state."""

@@ -13,13 +13,15 @@ from torch import Tensor, nn
 
 from pacnet.core.checkpoint import load_checkpoint, rebuild_config, save_checkpoint
 from pacnet.core.integrity import check_tensors, part_of
+from pacnet.core.validation import check_rows, check_same_length
 
 
 class SavedModel(nn.Module):
     """Base of the learned forward models.
 
-    A subclass sets `config_type` and `float_tensor`, which names a tensor of the model's dtype, and
-    defines `check_loaded`.
+    A subclass sets `config_type`, `float_tensor`, which names a tensor of the model's dtype, and
+    `checked_like`, which names a buffer whose dtype and device arguments must have. It defines
+    `check_loaded`.
 
     Args:
         config: settings of the subclass, see `config.py`.
@@ -27,6 +29,7 @@ class SavedModel(nn.Module):
 
     config_type: ClassVar[type]
     float_tensor: ClassVar[str]
+    checked_like: ClassVar[str]
 
     config: Any
 
@@ -38,6 +41,15 @@ class SavedModel(nn.Module):
     @abstractmethod
     def check_loaded(self, tensors: Mapping[str, Any]) -> None:
         """Raise a ValueError unless tensors, the whole `state_dict` or a part, can be loaded."""
+
+    def _check(self, **rows: Tensor) -> None:
+        """Check states, velocities and targets `[B, S]` and actions `[B, U]`, equally many."""
+        config, like = self.config, getattr(self, self.checked_like)
+        for name, value in rows.items():
+            is_action = name == "actions"
+            columns = config.action_dimensions if is_action else config.state_dimensions
+            check_rows(name, value, columns, like)
+        check_same_length(**rows)
 
     def save_pretrained(self, folder: str | Path) -> None:
         """Write `config.json` and `model.safetensors`.

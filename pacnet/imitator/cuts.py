@@ -11,9 +11,9 @@ from pacnet.attention.cutting import carried, cut
 from pacnet.datasets.demonstrations import Demonstration
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.points import Points
-from pacnet.schemas.scene import WORLD, scene_of
+from pacnet.schemas.scene import WORLD
 from pacnet.schemas.segments import Segments
-from pacnet.schemas.smoothing import smooth
+from pacnet.schemas.smoothing import smoothed_scene
 
 WORLD_NAME = "world"
 """In place of a landmark: the percepts' own axes."""
@@ -96,7 +96,7 @@ def approach_of(shown: Demonstration, config: FramesConfig, fps: float) -> Appro
 
 
 def _approach(percepts: NDArray[np.float32], config: FramesConfig, fps: float) -> Approach:
-    places = smooth(scene_of(percepts, config.points).places, config.smoothing)
+    places = smoothed_scene(percepts, config.points, config.smoothing).places
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
     landmark = cut(places, config.size, fps)
     return Approach(distances, landmark, carried(places, config.size, fps))

@@ -21,9 +21,9 @@ from pacnet.imitator.frames import fit_to_poses
 from pacnet.schemas.demonstration_memory import Shown
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.framing import Framed, framed, segments_of
-from pacnet.schemas.scene import Scene, pose_dimensions, poses_of, scene_of
+from pacnet.schemas.scene import Scene, pose_dimensions, poses_of
 from pacnet.schemas.segments import SegmentMemory, Segments
-from pacnet.schemas.smoothing import smooth
+from pacnet.schemas.smoothing import smoothed_scene
 
 _LEAST_GAIN = 0.02  # of the largest: what actions move less is not corrected
 _FIRST_TURN = 3  # the first of a pose's dimensions that says how it is turned
@@ -84,8 +84,7 @@ class FramedSchemas(nn.Module):
         self.segments.append(number, cut(places, self.config.size, self.fps), begins)
 
     def _smoothed(self, percepts: NDArray[np.float32]) -> Scene:
-        seen = scene_of(percepts, self.config.points)
-        return Scene(smooth(seen.places, self.config.smoothing), seen.turns)
+        return smoothed_scene(percepts, self.config.points, self.config.smoothing)
 
     def known(
         self,

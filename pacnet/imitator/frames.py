@@ -14,6 +14,7 @@ from pacnet.attention.cutting import measure
 from pacnet.datasets.demonstrations import Demonstrations, dimension_names
 from pacnet.datasets.format import DatasetWarning
 from pacnet.forward_models.affine import AffineForwardModel
+from pacnet.forward_models.affine_fit import least_frames
 from pacnet.forward_models.config import AffineForwardModelConfig
 from pacnet.forward_models.correction import find_position_targets
 from pacnet.schemas.frames import FramesConfig
@@ -51,7 +52,7 @@ def choose_frames(
     scenes = [Scene(smooth(scene.places, smoothing), scene.turns) for scene in seen]
     poses = [poses_of(scene, points.moved) for scene in scenes]
     model = forward_model_for(points, poses, demonstrations)
-    reason = _reason(points, scenes, model, demonstrations)
+    reason = _reason(points, scenes, poses, model, demonstrations)
     if reason is not None:
         return _refuse(reason, given)
     percepts = torch.cat([one.percepts for one in demonstrations]).double()
@@ -72,11 +73,11 @@ def choose_frames(
 def _reason(
     points: Points,
     scenes: Sequence[Scene],
+    poses: Sequence[Array],
     model: AffineForwardModel,
     demonstrations: Demonstrations,
 ) -> str | None:
     """Return why actions are not those that move the first point; None where they are."""
-    poses = [poses_of(scene, points.moved) for scene in scenes]
     try:
         fit_to_poses(model, poses, demonstrations)
     except ValueError as error:
@@ -179,14 +180,14 @@ def fit_to_poses(
     Raises:
         ValueError: none is long enough.
     """
+    least = least_frames(model.config.lead)
     rows = [
         (torch.from_numpy(pose).float(), one.action)
         for pose, one in zip(poses, demonstrations, strict=True)
-        if len(pose) > 5 * model.config.lead
+        if len(pose) >= least
     ]
     if not rows:
         raise ValueError(
-            f"expected a demonstration of more than {5 * model.config.lead} frames to see what "
-            "actions do"
+            f"expected a demonstration of more than {least - 1} frames to see what actions do"
         )
     model.fit([pose for pose, _ in rows], [action for _, action in rows])

@@ -30,10 +30,9 @@ from pacnet.schemas.scene import (
     pose_dimensions,
     poses_of,
     rotate,
-    scene_of,
 )
 from pacnet.schemas.segments import NO_SEGMENT, Segments
-from pacnet.schemas.smoothing import smooth
+from pacnet.schemas.smoothing import smoothed_scene
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -66,8 +65,7 @@ def framed(
         config: of frames.
         fps: frames per second [1/s].
     """
-    seen = scene_of(percepts, config.points)
-    scene = Scene(smooth(seen.places, config.smoothing), seen.turns)
+    scene = smoothed_scene(percepts, config.points, config.smoothing)
     poses = poses_of(scene, config.points.moved)
     velocity = np.zeros((len(poses), 6))
     velocity[1:, pose_dimensions(config.points.moved)] = np.diff(poses, axis=0)

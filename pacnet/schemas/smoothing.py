@@ -12,6 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.schemas.points import Points
+from pacnet.schemas.scene import Scene, scene_of
+
 Array = NDArray[np.float64]
 
 _THIRD = 0.6745 * 20**0.5  # median size of third differences of white noise of deviation 1
@@ -59,6 +62,14 @@ def _change_of_speed(places: Sequence[Array], noise: float, span: int) -> float:
     ]
     squared = np.square(np.concatenate(changes)).mean(axis=0).max()
     return float(np.sqrt(max(0.0, squared - _CERTAIN * 6 * noise**2))) / span**2
+
+
+def smoothed_scene(
+    percepts: NDArray[np.floating], points: Points, gains: Sequence[tuple[float, float]]
+) -> Scene:
+    """Return where the points of a whole demonstration's percepts `[T, D]` are, filtered."""
+    seen = scene_of(percepts, points)
+    return Scene(smooth(seen.places, gains), seen.turns)
 
 
 def smooth(places: Array, gains: Sequence[tuple[float, float]]) -> Array:
