@@ -34,6 +34,7 @@ _ORIGIN = np.array([[-ROOT_DISTANCE / 2, 0, ROOT_HEIGHT], [ROOT_DISTANCE / 2, 0,
 _FACING = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, 1.0]])  # half a turn about z is its own inverse
 # Three times, for the three sites: numpy is twice as slow for different shapes.
 _ORIGINS, _FACINGS = np.stack([_ORIGIN] * 3), np.stack([_FACING] * 3)
+_TURNS = np.repeat(_FACING[:, :, None], 3, axis=2)  # of rotations, whose columns are axes
 
 
 class SceneState(NamedTuple):
@@ -44,6 +45,7 @@ class SceneState(NamedTuple):
     wrist: np.ndarray  # [2, 3] [m]
     grip: np.ndarray  # [2, 3] [m]
     mouth: np.ndarray  # [2, 3] [m]
+    hand: np.ndarray  # [2, 3, 3] rotations of the right hands, the grips' frames
     glass: np.ndarray  # [2, 3] [m] the glass's middle
     axis: np.ndarray  # [2, 3] the glass's axis, of length one
 
@@ -76,6 +78,7 @@ class Physics(mujoco.Physics):
         self._glasses = ids("body", *(f"{who}_glass" for who in WHO))
         self._holds = ids("equality", *(f"{who}_grip" for who in WHO)).tolist()
         self._site_at = _flat(sites, 3, (0, 1, 2)).reshape(3, 2, 3)  # into site_xpos
+        self._hand_at = _flat(sites[2:4], 9, tuple(range(9))).reshape(2, 3, 3)  # into site_xmat
         self._centre_at = _flat(self._glasses, 3, (0, 1, 2))  # [2, 3] into xpos
         self._axis_at = _flat(self._glasses, 9, (2, 5, 8))  # [2, 3] into xmat
         self._glass_at = model.jnt_qposadr[ids("joint", *(f"{who}_glass" for who in WHO))]
@@ -120,11 +123,12 @@ class Physics(mujoco.Physics):
         """Return the state; `before` are the angles one control step ago. No array is shared."""
         data = self.data.ptr
         sites = (data.site_xpos.take(self._site_at) - _ORIGINS) * _FACINGS
+        hand = data.site_xmat.take(self._hand_at) * _TURNS
         glass = (data.xpos.take(self._centre_at) - _ORIGIN) * _FACING
         axis = data.xmat.take(self._axis_at) * _FACING
         angles = data.qpos.take(self.angle_at)
         velocities = (angles - before) / CONTROL_TIMESTEP
-        return SceneState(angles, velocities, sites[0], sites[1], sites[2], glass, axis)
+        return SceneState(angles, velocities, sites[0], sites[1], sites[2], hand, glass, axis)
 
     def _update_grips(self, before: SceneState) -> None:
         """Let each hand take hold or let go, by the positions and velocities of grip and glass."""

@@ -55,7 +55,9 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     table. A mishap can spoil an episode: a ``tremor`` of the right arm, ``interrupted`` soon after
     the glass was taken, or a ``miss``: the hand closes beside the glass and continues empty. The
     glasses stand within 1 cm of their nominal place, or elsewhere by an option of `reset`.
-    ``info`` says whether demonstrator and imitator have completed the behaviour (`envs.task`).
+    ``info`` says whether demonstrator and imitator have completed the behaviour (`envs.task`), and
+    where the imitator's grip is: ``imitator_grip`` `[3]` [m] and ``imitator_hand`` `[3, 3]`, the
+    rotation of its hand, in its body frame, as of `envs.kinematics.BodyKinematics.pose`.
 
     Action: targets of the imitator's joints `[11]` in the order of `envs.humanoid.JOINTS`, as
     shares of their ranges: -1 is a joint's lower limit, 1 its upper. `step_to` takes angles [rad]
@@ -296,6 +298,8 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             "imitator_wrist": wrists[1],
             "demonstrator_angles": angles[0],
             "imitator_angles": angles[1],
+            "imitator_grip": state.grip[1].copy(),
+            "imitator_hand": state.hand[1].copy(),
             "rim_to_mouth": measures[1].rim_to_mouth,
             "glass_from_place": measures[1].glass_from_place,
             "glass_tilt": measures[1].glass_tilt,

@@ -6,6 +6,7 @@ import pytest
 
 import envs  # noqa: F401  registers the environment
 from envs.humanoid import JOINTS
+from envs.kinematics import BodyKinematics
 from envs.postural_imitation import GLASS_NAMES, STATE_NAMES, percept
 
 ENV_ID = "pacnet/PosturalImitation-v0"
@@ -154,6 +155,18 @@ def test_a_glass_let_go_in_the_air_falls(noiseless):
         *_, truncated, info = noiseless.step_to(noiseless.demonstrator_target)
     assert not info["is_success"]
     assert info["demonstrator_success"]
+
+
+def test_grip_and_hand_are_those_of_the_kinematics(noiseless):
+    body = BodyKinematics()
+    rng = np.random.default_rng(0)
+    _, info = noiseless.reset(seed=0)
+    for _ in range(30):
+        pose = body.pose(info["imitator_angles"])
+        assert np.abs(info["imitator_grip"] - pose.grip).max() < 1e-6
+        assert np.abs(info["imitator_hand"] - pose.hand).max() < 1e-6
+        info = noiseless.step_to(rng.uniform(*body.joint_range.T))[-1]
+    assert np.linalg.norm(info["imitator_grip"] - info["demonstrator_wrist"]) > 0.1
 
 
 def test_an_action_is_a_share_of_the_joint_ranges(noiseless):
