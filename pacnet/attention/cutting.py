@@ -9,6 +9,7 @@ same. All distances are shares of what was shown, and all numbers of frames time
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -79,21 +80,24 @@ def _until_left(moves: NDArray[np.bool_], hold: Array, least: float) -> NDArray[
     return held
 
 
-def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
+def cut(places: Array, size: Size, fps: float, put_back: Sequence[int] = ()) -> NDArray[np.int64]:
     """Return the landmark that the moved point is on its way to, `[T]`, −1 for none.
 
-    There is none where all landmarks move, or where the moved point approaches none of the others
-    in the whole demonstration.
+    There is none where all landmarks move, where the moved point approaches none of the others
+    in the whole demonstration, or once it has left for good those that it was at.
 
     Args:
         places: of the moved point and M landmarks, `[T, 1 + M, 3]`.
         size: of the scene.
         fps: frames per second [1/s].
+        put_back: numbers of the landmarks whose former places are the last of the landmarks.
     """
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
     moves = carried(places, size, fps)
-    possible = _gone_to(distances, moves, size) & ~moves
     calm = _calm(places[:, 0], size, fps)
+    possible = _gone_to(distances, moves, size) & ~moves & ~_left_for_good(distances, calm, size)
+    former = distances.shape[1] - len(put_back)
+    possible[:, former:] = False
     together = max(1, round(_TOGETHER * fps))
     frames, landmarks = distances.shape
     attained = np.full(frames, -1)
@@ -104,6 +108,9 @@ def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
                 first, least = _attained(distances[:, number], moves[:, number], calm, frame, size)
                 if (first // together, least) < best:
                     best, attained[frame] = (first // together, least), number
+    for number, of in enumerate(put_back, start=former):
+        apart = np.linalg.norm(places[:, 1 + number] - places[:, 1 + of], axis=1)
+        attained[_on_the_way_back(apart, moves[:, of], size)] = number
     return _without_short(attained, max(1, round(_SHORTEST * fps)))
 
 
@@ -112,6 +119,37 @@ def _gone_to(distances: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[
     farthest = np.maximum.accumulate(distances, axis=0)
     near = distances <= np.maximum(_APPROACHED * farthest, _CLOSE * size.extent)
     return np.logical_or.reduce(near | moves, axis=0)
+
+
+def _left_for_good(distances: Array, calm: NDArray[np.bool_], size: Size) -> NDArray[np.bool_]:
+    """Return whether the moved point was last at each landmark, and ends elsewhere, `[T, M]`."""
+    farthest = np.maximum.accumulate(distances, axis=0)
+    near = np.minimum(_NEAR * size.extent, np.maximum(_SHARE * farthest, _CLOSE * size.extent))
+    there = (distances <= near) & calm[:, None]
+    later = np.logical_or.accumulate(there[::-1], axis=0)[::-1]
+    return ~later & there.any(axis=0)
+
+
+def was_put_back(apart: Array, moves: NDArray[np.bool_], size: Size) -> bool:
+    """Return whether a landmark was carried away and back.
+
+    Args:
+        apart: distance from where it stood, `[T]`.
+        moves: whether it is carried, `[T]`.
+        size: of the scene.
+    """
+    return bool(_on_the_way_back(apart, moves, size).any())
+
+
+def _on_the_way_back(apart: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[np.bool_]:
+    """Return when a landmark is carried back to where it stood: once it was farthest, `[T]`."""
+    back = np.zeros(len(apart), bool)
+    for first, end in runs(moves.astype(np.int64)):
+        way = apart[first:end]
+        away, close = way.max() > _NEAR * size.extent, _CLOSE * size.extent
+        if moves[first] and away and way[-1] <= close:
+            back[first + np.flatnonzero(way >= way.max() - close)[-1] + 1 : end] = True
+    return back
 
 
 def _calm(place: Array, size: Size, fps: float) -> NDArray[np.bool_]:

@@ -25,6 +25,7 @@ from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import warn_renamed
 from pacnet.core.validation import MAX_VALUE, check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
 from pacnet.imitator.forward_model import fit
@@ -90,6 +91,7 @@ class Imitator(ImitatorState):
         *,
         budget: int | None = None,
         points: PointsChoice = "auto",
+        body: KinematicModel | None = None,
     ) -> Imitator:
         """Return an untrained imitator with settings chosen from these demonstrations.
 
@@ -101,13 +103,21 @@ class Imitator(ImitatorState):
             budget: most targets that are kept; see `pacnet.imitator.budget`. None for all.
             points: which dimensions of a percept are places, as texts: the one that the robot's
                 actions move first, such as `hand=observation.state[0:3]`, then the landmarks; see
-                `pacnet.imitator.points`. "auto" finds them by their names, None is none.
+                `pacnet.imitator.points`. "auto" finds them by their names, None is none. With a
+                body they are the landmarks alone.
+            body: tells where the hand is from the angles among the percepts, and finds the angles
+                that take it somewhere; actions are targets of these angles then. None without one.
 
         Raises:
             ValueError: no demonstrations, percepts that never change, actions that never do or too
-                few frames where a forward model has to find them, or points that are none here.
+                few frames where a forward model has to find them, points that are none here, or a
+                body whose angles are not among percepts and actions.
         """
-        return cls(choose_settings(demonstrations, targets, lead, budget, points), engine)
+        config = choose_settings(demonstrations, targets, lead, budget, points, body)
+        imitator = cls(config, engine)
+        if body is not None and imitator.frames is not None:
+            imitator.frames.take_body(body)
+        return imitator
 
     @classmethod
     def untaught(cls, *args: Any, **kwargs: Any) -> Imitator:
