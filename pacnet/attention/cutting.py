@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 _MOVES = 0.2  # share of the moved point's usual speed from which a landmark moves
 _APART = 1.0  # share of its way by which a carried landmark's way may differ from the moved point's
+_GONE = 0.02  # share of the scene's size by which what is carried must get away
 _LEFT = 0.05  # share of the scene's size by which what was carried must be left behind
 _WINDOW = 0.05  # [s] before and after a moment in which speed is measured
 _NEAR = 0.3  # share of the scene's size at which a landmark is near, at most
@@ -52,8 +53,8 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
     """Return whether each landmark is carried or pushed by the moved point, bool `[T, M]`.
 
     It moves if it does in both halves of a window: one that is reported late has not moved. One
-    that falls into place while the moved point goes elsewhere is not carried. What comes to rest is
-    carried until it is left.
+    that falls into place while the moved point goes elsewhere is not carried, and neither is one
+    that gets nowhere: that is noise. What comes to rest is carried until it is left.
 
     Args:
         places: of the moved point and M landmarks, `[T, 1 + M, 3]`.
@@ -67,7 +68,13 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
     ways = places[after] - places[before]
     apart = np.linalg.norm(ways[:, 1:] - ways[:, :1], axis=2)
     moves &= apart < _APART * np.linalg.norm(ways[:, 1:], axis=2)
-    return _until_left(moves, places[:, 1:] - places[:, :1], _LEFT * size.extent)
+    held = _until_left(moves, places[:, 1:] - places[:, :1], _LEFT * size.extent)
+    for number in range(held.shape[1]):
+        place = places[:, 1 + number]
+        for first, end in runs(held[:, number].astype(np.int64)):
+            gone = np.linalg.norm(place[first:end] - place[first], axis=1).max()
+            held[first:end, number] &= gone > _GONE * size.extent
+    return held
 
 
 def _until_left(moves: NDArray[np.bool_], hold: Array, least: float) -> NDArray[np.bool_]:

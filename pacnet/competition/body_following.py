@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pacnet.forward_models.kinematic_arrays import KinematicArrays, ReachWork
 from pacnet.schemas.body import BodyConfig
+from pacnet.schemas.segments import NO_SEGMENT
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -74,12 +75,14 @@ def body_of(config: BodyConfig, kinematics: KinematicArrays, extent: float) -> B
 def new_hold(joints: int) -> Hold:
     """Return the state of an episode that has not begun, for J joints."""
     return Hold(
-        np.full(1, -1),
-        *(np.zeros(joints) for _ in range(3)),
-        np.zeros(4),
-        np.zeros(4),
-        np.zeros(1, np.int64),
-        np.zeros(1, np.int64),
-        np.zeros(3),
-        np.zeros(4),
+        segment=np.full(1, NO_SEGMENT),
+        posture=np.zeros(joints),
+        shown=np.zeros(joints),
+        ahead=np.zeros(joints),
+        off=np.zeros(4),
+        miss=np.zeros(4),
+        moved=np.zeros(1, np.int64),
+        frames=np.zeros(1, np.int64),
+        place=np.zeros(3),
+        turns=np.zeros(4),
     )

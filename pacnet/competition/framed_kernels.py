@@ -324,6 +324,7 @@ def _off(place, row, segments, state):
 
 @njit
 def vector(row):
+    """Return the first three numbers of an array."""
     return row[0], row[1], row[2]
 
 

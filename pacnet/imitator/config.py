@@ -167,6 +167,11 @@ class ImitatorConfig:
         """Names of a percept's D dimensions."""
         return dimension_names(self.percepts)
 
+    @cached_property
+    def point_dimensions(self) -> tuple[str, ...]:
+        """Names of a percept's D dimensions, and of what it implies where there are points."""
+        return (*self.percept_names, *(() if self.frames is None else self.frames.added))
+
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> ImitatorConfig:
         """Return the config that `dataclasses.asdict` turned into these fields, after JSON.

@@ -9,23 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention.cutting import cut
+from pacnet.attention.cutting import carried, cut
 from pacnet.competition.body_following import Body, body_of
 from pacnet.competition.framed_following import FramedFollower
 from pacnet.core.integrity import check_conditions, check_on_load, check_structure, part_of
-from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.affine import AffineForwardModel
 from pacnet.forward_models.affine_arrays import AffineArrays
 from pacnet.forward_models.affine_fit import least_frames
 from pacnet.forward_models.kinematic_arrays import KinematicArrays
 from pacnet.forward_models.kinematics import KinematicModel
-from pacnet.imitator.framed_novelty import Bounds, bounds_of
+from pacnet.imitator.cuts import Approach
+from pacnet.imitator.framed_novelty import Bounds, bounds_of, novelty_of
 from pacnet.imitator.frames import fit_to_poses
 from pacnet.schemas.demonstration_memory import Shown
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.framing import Framed, framed, segments_of
 from pacnet.schemas.percept_extension import PerceptExtension
-from pacnet.schemas.scene import Scene, pose_dimensions, poses_of
+from pacnet.schemas.scene import Scene, pose_dimensions, poses_of, scene_of
 from pacnet.schemas.segments import SegmentMemory, Segments
 from pacnet.schemas.smoothing import smoothed_scene
 
@@ -91,9 +92,7 @@ class FramedSchemas(nn.Module):
             percepts: `[T, D]`, in their own units.
             begins: how; see `SegmentMemory.append`.
         """
-        places, config = self._smoothed(percepts).places, self.config
-        landmarks = cut(places, config.size, self.fps, config.put_back)
-        self.segments.append(number, landmarks, begins)
+        self.segments.append(number, self._approach(percepts).landmark, begins)
 
     def extension(self) -> PerceptExtension:
         """Return what appends to the percepts of an episode what they imply."""
@@ -101,6 +100,27 @@ class FramedSchemas(nn.Module):
 
     def _kinematics(self) -> KinematicArrays | None:
         return None if self.body is None else self.body.arrays()
+
+    def novelty(self, percepts: NDArray[np.float32], bounds: Bounds) -> NDArray[np.float64]:
+        """Return the novelty of an episode's percepts `[T, D]`, beside what was shown, `[T]`.
+
+        What a body cannot reach is seen only while acting.
+        """
+        config = self.config
+        scene = scene_of(self.extension().episode(percepts), config.points)
+        others = percepts[:, config.others].astype(np.float64) / config.ranges
+        return novelty_of(scene, others, bounds)
+
+    def approach(self, shown: Demonstration) -> Approach:
+        """Return how an episode of T ≥ 1 frames, learned or not, comes near the landmarks."""
+        parts = [self._approach(part.percepts.numpy()) for part in shown.continuous()]
+        return Approach(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def _approach(self, percepts: NDArray[np.float32]) -> Approach:
+        places, config = self._smoothed(percepts).places, self.config
+        distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
+        landmark = cut(places, config.size, self.fps, config.put_back)
+        return Approach(distances, landmark, carried(places, config.size, self.fps))
 
     def _smoothed(self, percepts: NDArray[np.float32]) -> Scene:
         extended = self.extension().episode(percepts)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pacnet.imitator.novelty import NoveltyScore
 from pacnet.schemas.frames import FramesConfig
-from pacnet.schemas.scene import WORLD, scene_of, to_vector
+from pacnet.schemas.scene import WORLD, Scene, to_vector
 from pacnet.schemas.segments import Segments
 
 Array = NDArray[np.float64]
@@ -106,15 +106,18 @@ def unreached(miss: Array, landmark: int, turns: Array, config: FramesConfig) ->
     return NoveltyScore(turned, point.orientation[most], float(miss[3]), _TILTED)
 
 
-def novelty_of(
-    percepts: NDArray[np.float32], bounds: Bounds, config: FramesConfig
-) -> NDArray[np.float64]:
-    """Return the novelty of each percept `[T, D]`, as `score` gives it, `[T]`."""
-    places = scene_of(percepts, config.points).places
+def novelty_of(scene: Scene, others: Array, bounds: Bounds) -> Array:
+    """Return the novelty of each of T percepts, as `score` gives it, `[T]`.
+
+    Args:
+        scene: of the percepts.
+        others: of what is no point, in shares of its range, `[T, Q]`.
+        bounds: of what was shown.
+    """
+    places = scene.places
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2).max(axis=1)
-    infinite = np.full(len(percepts), math.inf)
+    infinite = np.full(len(places), math.inf)
     novelty = distances / bounds.farthest if bounds.farthest > 0 else infinite
-    if len(config.others) == 0:
+    if others.shape[1] == 0:
         return novelty
-    others = percepts[:, config.others].astype(np.float64) / config.ranges
     return np.maximum(novelty, (np.abs(others - bounds.middle) / bounds.half).max(axis=1))

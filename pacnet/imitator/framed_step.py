@@ -30,7 +30,7 @@ def framed_step(
         percept: of finite numbers.
         known: what is known, and the recall episode.
         config: of the frames.
-        names: of the percept's dimensions.
+        names: of the percept's dimensions, and of what it implies.
         end_frames: frames before the last one of a demonstration from which it is done.
     """
     from pacnet.competition.body_kernels import follow_with_body  # imports numba
@@ -71,7 +71,7 @@ def framed_step(
         None if is_novel else target,
         is_novel,
         found.novelty,
-        (*names, *config.added)[found.dimension],
+        names[found.dimension],
         found.deviation,
         found.threshold,
         progress,

@@ -29,7 +29,6 @@ from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
 from pacnet.imitator.forward_model import fit
-from pacnet.imitator.framed_novelty import novelty_of
 from pacnet.imitator.framed_step import framed_step
 from pacnet.imitator.learning import Draft, how_begins
 from pacnet.imitator.novelty import NOVEL
@@ -197,7 +196,8 @@ class Imitator(ImitatorState):
             )
         if known.framed is not None and self.frames is not None:
             end = _END * self.config.fps
-            return framed_step(percept, known.framed, self.frames.config, self.percept_names, end)
+            names = self.config.point_dimensions
+            return framed_step(percept, known.framed, self.frames.config, names, end)
         return self._step(percept, scaled, known)
 
     def _step(
@@ -302,7 +302,7 @@ class Imitator(ImitatorState):
         if framed is None or self.frames is None:
             seen = detector.novelty(percepts.numpy() * self._scale, shown)
         else:
-            seen = novelty_of(percepts.numpy(), framed.bounds, self.frames.config)
+            seen = self.frames.novelty(percepts.numpy(), framed.bounds)
         novelty = torch.from_numpy(seen.astype(np.float32))
         return Recognition(
             probability,
@@ -335,8 +335,7 @@ class Imitator(ImitatorState):
         """
         if self.frames is None or known.framed is None:
             return without
-        novelty = novelty_of(percepts.numpy(), known.framed.bounds, self.frames.config)
-        return float(novelty.max())
+        return float(self.frames.novelty(percepts.numpy(), known.framed.bounds).max())
 
     def _mean_first_action(self, shown: Demonstration) -> Tensor:
         """Return the mean first action `[U]` once this demonstration is learned."""

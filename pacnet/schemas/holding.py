@@ -68,8 +68,9 @@ def held_in(
 
 
 def mean_turn(turns: Array) -> Array:
-    """Return the mean of quaternions `[N, 4]`, `[4]` (the largest eigenvector of their outer
-    products: Markley et al., 2007).
+    """Return the mean of quaternions `[N, 4]`, `[4]`.
+
+    It is the largest eigenvector of the sum of their outer products (Markley et al., 2007).
     """
     return np.linalg.eigh(turns.T @ turns)[1][:, -1]
 
