@@ -301,6 +301,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             deeds.update(measured)
             is_put = measured.stands_at_place and not grip.held
             success.append(is_put and deeds.fulfil(self._behaviour))
+        phases = self._plan.phases
         wrists, angles = state.wrist.copy(), state.angles.copy()
         return {
             "demonstrator_wrist": wrists[0],
@@ -314,7 +315,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             "glass_tilt": measures[1].glass_tilt,
             "glass_position": state.glass[1].copy(),
             "glass_held": self._physics.grips[1].held,
-            "phase": PHASES[self._plan.phases[min(self._step, self.episode_steps)]],
+            "phase": PHASES[phases[min(self._step, len(phases) - 1)]],
             "mouth_reached": self._deeds[1].mouth_reached,
             "toasted": self._deeds[1].toasted,
             "is_success": success[1] and self._options.own_glass == "standing",
