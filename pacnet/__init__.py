@@ -27,8 +27,9 @@ _PUBLIC = {  # folder -> the names that `pacnet` offers
     "datasets": ("Recorder", "load_demonstrations"),
     "forward_models": (
         "AffineForwardModel", "AffineForwardModelConfig", "Command", "ForwardModel",
-        "MLPForwardModel", "MLPForwardModelConfig", "OneStateForwardModel", "PIDConfig",
-        "PIDController", "Selection", "TransitionMatrix", "TransitionMatrixConfig",
+        "KinematicModel", "KinematicModelConfig", "MLPForwardModel", "MLPForwardModelConfig",
+        "OneStateForwardModel", "PIDConfig", "PIDController", "Selection", "TransitionMatrix",
+        "TransitionMatrixConfig",
     ),
     "imitator": ("Imitator",),
     "network": (

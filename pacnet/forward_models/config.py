@@ -109,6 +109,40 @@ class AffineForwardModelConfig:
         object.__setattr__(self, "follows", tuple(follows))
 
 
+MAX_MOVING = 7
+"""Most joints that may move the hand of a `KinematicModel`: more take minutes."""
+
+
+@dataclass(frozen=True)
+class KinematicModelConfig:
+    """Settings of a `KinematicModel`.
+
+    Attributes:
+        joints: names of the J angles of a posture.
+        moving: which of them move the hand, ascending; K from 1 to 7.
+
+    Raises:
+        ValueError: a field of another type or out of range.
+    """
+
+    joints: tuple[str, ...]
+    moving: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        """Validate the fields and turn sequences into tuples (JSON has lists)."""
+        joints, moving = self.joints, self.moving
+        named = isinstance(joints, tuple | list) and all(isinstance(one, str) for one in joints)
+        named = named and 0 < len(joints) == len(set(joints))
+        check_fields(self, {"joints": (named, "as one or more names, all different")})
+        chosen = isinstance(moving, tuple | list) and 1 <= len(moving) <= MAX_MOVING
+        chosen = chosen and all(is_integer(one, 0) and one < len(joints) for one in moving)
+        chosen = chosen and list(moving) == sorted(set(moving))
+        wanted = f"as 1 to {MAX_MOVING} ascending indices below {len(joints)}"
+        check_fields(self, {"moving": (chosen, wanted)})
+        object.__setattr__(self, "joints", tuple(joints))
+        object.__setattr__(self, "moving", tuple(moving))
+
+
 def _check_shared_fields(config: Any) -> None:
     """Validate the fields of both models; turn the candidates into tuples (JSON has lists)."""
     threshold, actions = config.abstain_below, config.candidates
