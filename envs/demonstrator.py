@@ -80,11 +80,15 @@ def _move(via: np.ndarray, n_steps: int) -> np.ndarray:
     """Return angles `[n_steps, 11]` [rad] through `via` `[V, 11]`, from rest to rest."""
     if len(via) == 1:
         return np.repeat(via, n_steps, axis=0)
-    time = np.arange(1, n_steps + 1) / n_steps
-    progress = time**3 * (10 - 15 * time + 6 * time**2)
+    progress = minimum_jerk(np.arange(1, n_steps + 1) / n_steps)
     chords = np.linalg.norm(np.diff(via, axis=0), axis=1)
     knots = np.concatenate([[0.0], np.cumsum(chords) / chords.sum()])
     return CubicSpline(knots, via, bc_type="natural")(progress)
+
+
+def minimum_jerk(time: np.ndarray) -> np.ndarray:
+    """Return the progress `[T]` of a movement from rest to rest, at shares of its time `[T]`."""
+    return time**3 * (10 - 15 * time + 6 * time**2)
 
 
 def solve_postures(

@@ -17,6 +17,7 @@ from envs.grip import Grip
 from envs.humanoid import JOINTS
 from envs.scene import (
     CONTROL_TIMESTEP,
+    DEMONSTRATOR,
     GLASS_HEIGHT,
     GLASS_REST_Z,
     GRIP_HEIGHT,
@@ -34,7 +35,7 @@ _ORIGIN = np.array([[-ROOT_DISTANCE / 2, 0, ROOT_HEIGHT], [ROOT_DISTANCE / 2, 0,
 _FACING = np.array([[1.0, 1.0, 1.0], [-1.0, -1.0, 1.0]])  # half a turn about z is its own inverse
 # Three times, for the three sites: numpy is twice as slow for different shapes.
 _ORIGINS, _FACINGS = np.stack([_ORIGIN] * 3), np.stack([_FACING] * 3)
-_TURNS = np.repeat(_FACING[:, :, None], 3, axis=2)  # of rotations, whose columns are axes
+_TURN = np.repeat(_FACING[1, :, None], 3, axis=1)  # of a rotation of the imitator's
 
 
 class SceneState(NamedTuple):
@@ -45,7 +46,7 @@ class SceneState(NamedTuple):
     wrist: np.ndarray  # [2, 3] [m]
     grip: np.ndarray  # [2, 3] [m]
     mouth: np.ndarray  # [2, 3] [m]
-    hand: np.ndarray  # [2, 3, 3] rotations of the right hands, the grips' frames
+    hand: np.ndarray  # [3, 3] rotation of the imitator's right hand, the grip's frame
     glass: np.ndarray  # [2, 3] [m] the glass's middle
     axis: np.ndarray  # [2, 3] the glass's axis, of length one
 
@@ -78,24 +79,34 @@ class Physics(mujoco.Physics):
         self._glasses = ids("body", *(f"{who}_glass" for who in WHO))
         self._holds = ids("equality", *(f"{who}_grip" for who in WHO)).tolist()
         self._site_at = _flat(sites, 3, (0, 1, 2)).reshape(3, 2, 3)  # into site_xpos
-        self._hand_at = _flat(sites[2:4], 9, tuple(range(9))).reshape(2, 3, 3)  # into site_xmat
+        self._hand_at = _flat(sites[3:4], 9, tuple(range(9))).reshape(3, 3)  # into site_xmat
         self._centre_at = _flat(self._glasses, 3, (0, 1, 2))  # [2, 3] into xpos
         self._axis_at = _flat(self._glasses, 9, (2, 5, 8))  # [2, 3] into xmat
         self._glass_at = model.jnt_qposadr[ids("joint", *(f"{who}_glass" for who in WHO))]
+        names = [model.id2name(geom, "geom") for geom in range(model.ngeom)]
+        self._is_body = np.array([name.startswith(f"{DEMONSTRATOR}/") for name in names])
+        self._is_own_glass = model.geom_bodyid == self._glasses[1]
+        self._group = model.geom_group.copy()
+        self._collides = model.geom_contype.copy(), model.geom_conaffinity.copy()
         self.grips = (Grip(), Grip())
 
-    def begin(self, angles: np.ndarray, glass_place: np.ndarray) -> None:
-        """Start an episode at rest, both glasses standing.
+    def begin(
+        self, angles: np.ndarray, glass_place: np.ndarray, own_glass: np.ndarray | None = None
+    ) -> None:
+        """Start an episode at rest, the glasses standing.
 
         Args:
             angles: Of both bodies `[2, 11]` [rad].
             glass_place: Where each body's glass stands in its own frame `[2]` [m].
+            own_glass: Another pose of the imitator's glass `[7]`, as of `envs.own_glass`.
         """
         with self.reset_context():
             self.data.qpos[self.angle_at] = angles
             standing = np.array([*glass_place, GLASS_REST_Z]) * _FACING + _ORIGIN
             for address, position in zip(self._glass_at, standing, strict=True):
                 self.data.qpos[address : address + 3] = position
+            if own_glass is not None:
+                self._put_own_glass(own_glass)
         # The integral terms start with values that hold the arms against gravity.
         load = self.data.qfrc_bias[self.velocity_at].ravel()
         self.data.act[:] = load / scene.integral_gains()
@@ -103,13 +114,32 @@ class Physics(mujoco.Physics):
         self._velocity = np.zeros((2, 3))  # [m/s] of the grip at the glass, smoothed
         self.scene_state = self._read(angles)
 
+    def _put_own_glass(self, pose: np.ndarray) -> None:
+        """Put the imitator's glass into a pose `[7]` in its body frame."""
+        position = pose[:3] * _FACING[1] + _ORIGIN[1]
+        turn = pose[3:] * (1.0, *_FACING[1])  # half a turn about z from both sides
+        address = self._glass_at[1]
+        self.data.qpos[address : address + 7] = (*position, *turn)
+
+    def stage(self, *, demonstrator: bool, own_glass: bool) -> None:
+        """Say whether there is a demonstrator, and a glass of the imitator's.
+
+        What is not there is not drawn, and nothing touches a body that is not there. Its stool and
+        its glass stay.
+        """
+        is_away = self._is_body & (not demonstrator) | self._is_own_glass & (not own_glass)
+        self.model.geom_group[:] = np.where(is_away, scene.HIDDEN_GROUP, self._group)
+        collides = demonstrator | ~self._is_body
+        self.model.geom_contype[:] = collides * self._collides[0]
+        self.model.geom_conaffinity[:] = collides * self._collides[1]
+
     def advance(self, targets: Sequence[np.ndarray]) -> None:
         """Run one control step of `CONTROL_TIMESTEP`.
 
         Args:
             targets: Joint angles of each body `[11]` [rad].
         """
-        np.concatenate(targets, out=self.data.ctrl)
+        np.concatenate(targets, out=self.data.ptr.ctrl)
         run_substeps(self, N_SUBSTEPS)
         before, self.scene_state = self.scene_state, self._read(self.scene_state.angles)
         self._update_grips(before)
@@ -123,7 +153,7 @@ class Physics(mujoco.Physics):
         """Return the state; `before` are the angles one control step ago. No array is shared."""
         data = self.data.ptr
         sites = (data.site_xpos.take(self._site_at) - _ORIGINS) * _FACINGS
-        hand = data.site_xmat.take(self._hand_at) * _TURNS
+        hand = data.site_xmat.take(self._hand_at) * _TURN
         glass = (data.xpos.take(self._centre_at) - _ORIGIN) * _FACING
         axis = data.xmat.take(self._axis_at) * _FACING
         angles = data.qpos.take(self.angle_at)
@@ -137,7 +167,7 @@ class Physics(mujoco.Physics):
         # Lists from here on: numpy is slower for three numbers.
         reach, axes = (now.grip - now.glass).tolist(), now.axis.tolist()
         velocities, heights = self._velocity.tolist(), now.glass[:, 2].tolist()
-        slips = self._slips()
+        slips = self._slips() if any(grip.held for grip in self.grips) else {}
         for row, (grip, hold) in enumerate(zip(self.grips, self._holds, strict=True)):
             was_held = grip.held
             grip.update(
@@ -148,7 +178,8 @@ class Physics(mujoco.Physics):
             )
             if grip.held and not was_held:
                 self._weld(row)
-            self.data.eq_active[hold] = grip.held
+            if grip.held != was_held:
+                self.data.eq_active[hold] = grip.held
 
     def _smooth(self, before: SceneState, now: SceneState) -> None:
         """Smooth the velocities: of a held glass, else of the grip relative to the glass."""

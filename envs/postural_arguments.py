@@ -8,14 +8,21 @@ import numpy as np
 from envs.glass_offset import checked_offset
 from envs.humanoid import JOINTS
 from envs.mishaps import MISHAPS
+from envs.own_glass import OWN_GLASSES
+from envs.presence import PRESENCES
 from envs.scene import MAX_HEIGHT, MAX_WIDTH
+
+_CHOICES = {"mishap": MISHAPS, "demonstrator": PRESENCES, "own_glass": OWN_GLASSES}
 
 
 class ResetOptions(NamedTuple):
     """The optional settings of an episode."""
 
-    mishap: str | None  # of MISHAPS
-    glass_offset: np.ndarray  # [2] [m] of both glasses from their place, in each body's frame
+    mishap: str | None = None  # of MISHAPS
+    # [2] [m] of both glasses from their place, in each body's frame
+    glass_offset: np.ndarray | tuple[float, float] = (0.0, 0.0)
+    demonstrator: str = "present"  # of PRESENCES
+    own_glass: str = "standing"  # of OWN_GLASSES
 
 
 def check_arguments(
@@ -42,16 +49,19 @@ def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
 
 def checked_options(options: dict[str, Any] | None) -> ResetOptions:
     """Return the options of a reset; the defaults are an ordinary episode."""
-    given = options or {}
+    given = dict(options or {})
     if not set(given) <= set(ResetOptions._fields):
+        expected = ", ".join(f"{name!r}: one of {choices}" for name, choices in _CHOICES.items())
         raise ValueError(
-            f"options must be {{'mishap': one of {MISHAPS}, 'glass_offset': (dx, dy)}}, "
-            f"either or both, got {options!r}"
+            f"options must be {{'glass_offset': (dx, dy), {expected}}}, or some of these, "
+            f"got {options!r}"
         )
-    if "mishap" in given:
-        check_choice("mishap", given["mishap"], MISHAPS)
-    offset = given.get("glass_offset", (0.0, 0.0))
-    return ResetOptions(given.get("mishap"), checked_offset(offset))
+    for name, choices in _CHOICES.items():
+        if name in given:
+            check_choice(name, given[name], choices)
+    if "glass_offset" in given:
+        given["glass_offset"] = checked_offset(given["glass_offset"])
+    return ResetOptions(**given)
 
 
 def checked_joints(name: str, value: np.ndarray) -> np.ndarray:

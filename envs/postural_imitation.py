@@ -13,19 +13,14 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
+from envs.account import account
 from envs.behaviours import BEHAVIOURS, PHASES, REST_POSTURE
 from envs.demonstrator import Demonstration, plan_demonstration
 from envs.drawing import draw_scene
 from envs.humanoid import JOINTS
 from envs.kinematics import BodyKinematics
-from envs.perception import (
-    GLASS_NAMES,
-    STATE_NAMES,
-    noise_std,
-    observation_space,
-    percept,
-    tilt_vector,
-)
+from envs.own_glass import own_glass_pose
+from envs.perception import GLASS_NAMES, STATE_NAMES, Perception, percept
 from envs.physics import CONTROL_TIMESTEP, Physics
 from envs.postural_arguments import (
     check_arguments,
@@ -33,8 +28,9 @@ from envs.postural_arguments import (
     checked_joints,
     checked_options,
 )
+from envs.presence import attend, is_perceived
 from envs.scene import GLASS_PLACE, IMITATOR, WHO
-from envs.task import Deeds, final_place, measure
+from envs.task import Deeds, final_place
 
 GLASS_SPREAD = 0.01  # [m] largest offset of the glass from its nominal place, in x and in y
 __all__ = ["GLASS_NAMES", "STATE_NAMES", "PosturalImitationEnv", "percept"]
@@ -66,12 +62,19 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     Observation, noisy and clipped to its space: ``demonstrator`` `[22]` angles [rad] and velocities
     [rad/s], ``glass`` `[6]` the demonstrator's glass in the demonstrator's body frame, position [m]
     and rotation vector [rad] without the glass's turn about its own axis, ``proprioception`` `[22]`
-    the imitator's own angles and velocities.
+    and ``own_glass`` `[6]` the same of the imitator's own body and glass, in its own body frame.
 
-    Reward: exp(-d / 0.1 m), d the distance between both wrists, each in its own body frame.
+    Options of `reset` leave the imitator alone: a demonstrator ``leaves`` after one second, on its
+    way to rest, or is ``absent``. Where nobody is perceived ``demonstrator`` is all zeros. The plan
+    is drawn all the same, and the glasses stand at the same places. Other options spoil the
+    imitator's glass, and then there is no success. ``info`` tells of a body that rests, and of a
+    glass that is away behind the imitator, as of any other.
 
-    An episode is truncated at the end of the demonstration; it never terminates. In further steps
-    the demonstrator rests.
+    Reward: exp(-d / 0.1 m), d the distance between both wrists, each in its own body frame, also
+    where the demonstrator only rests.
+
+    An episode is truncated at the end of the demonstration, or after 15 s (750 steps) if the
+    demonstrator is not there by then; it never terminates. In further steps the demonstrator rests.
     """
 
     metadata = {  # noqa: RUF012  gymnasium's own type
@@ -108,19 +111,21 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._behaviour = behaviour
         self._physics = Physics.build()
         self._kinematics = BodyKinematics()
-        self._noise = noise_scale * noise_std()  # [50]
+        self._perception = Perception(self._physics.joint_range, noise_scale)
+        self._own_random: np.random.Generator  # from the first reset on
         self._low_angle, self._high_angle = self._physics.joint_range.T.copy()
         self._half_range = (self._high_angle - self._low_angle) / 2
         self.draws_with_gl = True  # until it fails
         self._demonstration: Demonstration | None = None  # until reset
         self.action_space = Box(-1.0, 1.0, shape=(len(JOINTS),), dtype=np.float32)
-        self.observation_space, self._low, self._high = observation_space(self._physics.joint_range)
+        self.observation_space = self._perception.space
         self.rest_posture = REST_POSTURE.astype(np.float32)
 
     @property
     def demonstrator_target(self) -> np.ndarray:
         """Return the demonstrator's target angles of the coming step `[11]` [rad]."""
-        return self._plan.angles[min(self._step + 1, self.episode_steps)].copy()
+        angles = self._plan.angles
+        return angles[min(self._step + 1, len(angles) - 1)].copy()
 
     @property
     def episode_steps(self) -> int:
@@ -136,31 +141,37 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             seed: Decides the plan, the glasses' place and the noise.
             options: ``mishap`` is "tremor", "interrupted" or "miss"; without it nothing goes wrong.
                 ``glass_offset`` (dx, dy) [m], forwards and to the left of each body, puts both
-                glasses elsewhere, at most 0.16 m away.
+                glasses elsewhere, at most 0.16 m away. ``demonstrator`` is "present", "leaves" or
+                "absent". ``own_glass`` is "standing"; "tipped", on its side at its place; "far",
+                out of reach on the table; or "absent", and then perceived as all zeros.
 
         Returns:
             Observation and info.
 
         Raises:
-            ValueError: An option or a mishap is not known, or the glasses cannot stand there;
+            ValueError: An option or its value is not known, or the glasses cannot stand there;
                 nothing has changed.
         """
-        mishap, glass_offset = checked_options(options)
+        checked = checked_options(options)
         super().reset(seed=seed, options=options)
+        self._options = checked
+        if seed is not None or self._demonstration is None:
+            self._own_random = self.np_random.spawn(1)[0]  # leaves the numbers of the other as is
         spread = self.np_random.uniform(-GLASS_SPREAD, GLASS_SPREAD, size=2)
-        self._place = np.array(GLASS_PLACE) + spread + glass_offset
-        self._demonstration = plan_demonstration(
+        self._place = np.array(GLASS_PLACE) + spread + self._options.glass_offset
+        plan = plan_demonstration(
             self._kinematics,
             self._place,
             self.np_random,
             behaviour=self._behaviour,
             pace=self._pace,
-            mishap=mishap,
+            mishap=self._options.mishap,
         )
+        self._demonstration = attend(plan, self._options.demonstrator)
         self._final_place = final_place(self._behaviour, self._place)
         self._step = 0
         self._deeds = (Deeds(), Deeds())
-        self._physics.begin(np.stack([self._plan.angles[0], REST_POSTURE]), self._place)
+        self._set_scene(self._own_random)
         return self._observe(), self._describe()
 
     def step(
@@ -259,55 +270,34 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             raise ResetNeeded("expected a call of reset first, the environment was never reset")
         return self._demonstration
 
+    def _set_scene(self, rng: np.random.Generator) -> None:
+        """Put bodies and glasses where an episode begins; the generator decides about its own."""
+        self._physics.stage(
+            demonstrator=self._options.demonstrator != "absent",
+            own_glass=self._options.own_glass != "absent",
+        )
+        self._physics.begin(
+            np.stack([self._plan.angles[0], REST_POSTURE]),
+            self._place,
+            own_glass_pose(self._options.own_glass, self._place, rng),
+        )
+
     def _observe(self) -> dict[str, np.ndarray]:
         """Return noisy percepts of the state, as float32 within the space."""
-        state = self._physics.scene_state
-        truth = np.concatenate(
-            (
-                state.angles[0],
-                state.velocities[0],
-                state.glass[0],
-                tilt_vector(state.axis[0]),
-                state.angles[1],
-                state.velocities[1],
-            )
+        return self._perception.observe(
+            self._physics.scene_state,
+            self.np_random,
+            self._own_random,
+            sees_demonstrator=is_perceived(self._options.demonstrator, self._step),
+            sees_own_glass=self._options.own_glass != "absent",
         )
-        noisy = truth + self._noise * self.np_random.standard_normal(len(truth))
-        values = np.minimum(np.maximum(noisy.astype(np.float32), self._low), self._high)
-        return {
-            "demonstrator": values[:22],
-            "glass": values[22:28],
-            "proprioception": values[28:],
-        }
 
     def _describe(self) -> dict[str, Any]:
         """Return the true state and the task's measures."""
-        state = self._physics.scene_state
-        measures = [
-            measure(state.mouth[row], state.glass[row], state.axis[row], self._final_place)
-            for row in (0, 1)
-        ]
-        success = []
-        for deeds, measured, grip in zip(self._deeds, measures, self._physics.grips, strict=True):
-            deeds.update(measured)
-            is_put = measured.stands_at_place and not grip.held
-            success.append(is_put and deeds.fulfil(self._behaviour))
-        wrists, angles = state.wrist.copy(), state.angles.copy()
-        return {
-            "demonstrator_wrist": wrists[0],
-            "imitator_wrist": wrists[1],
-            "demonstrator_angles": angles[0],
-            "imitator_angles": angles[1],
-            "imitator_grip": state.grip[1].copy(),
-            "imitator_hand": state.hand[1].copy(),
-            "rim_to_mouth": measures[1].rim_to_mouth,
-            "glass_from_place": measures[1].glass_from_place,
-            "glass_tilt": measures[1].glass_tilt,
-            "glass_position": state.glass[1].copy(),
-            "glass_held": self._physics.grips[1].held,
-            "phase": PHASES[self._plan.phases[min(self._step, self.episode_steps)]],
-            "mouth_reached": self._deeds[1].mouth_reached,
-            "toasted": self._deeds[1].toasted,
-            "is_success": success[1],
-            "demonstrator_success": success[0],
-        }
+        physics, phases = self._physics, self._plan.phases
+        info = account(
+            physics.scene_state, physics.grips, self._deeds, self._behaviour, self._final_place
+        )
+        info["phase"] = PHASES[phases[min(self._step, len(phases) - 1)]]
+        info["is_success"] = info["is_success"] and self._options.own_glass == "standing"
+        return info

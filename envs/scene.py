@@ -21,6 +21,7 @@ TABLE_HALF_SIZE = (0.33, 0.52, 0.02)  # [m]
 GLASS_PLACE = (0.50, -0.07)  # [m] nominal place, in the body frame
 GLASS_RADIUS = 0.036  # [m]
 GLASS_HEIGHT = 0.14  # [m]
+GLASS_SIDE = 0.85 * GLASS_RADIUS  # [m] half the side of the box as which it collides
 GLASS_MASS = 0.35  # [kg]
 GRIP_HEIGHT = 0.005  # [m] above the glass's middle, where a hand takes it
 GRIP_STRETCH = 0.02  # [m] above and below that, where a hand can take it too
@@ -202,12 +203,11 @@ def _add_glass(scene: Element, who: str, side: float) -> None:
         **_NO_CONTACT,
     )
     # Collides as a box: contacts of two boxes need no iterations.
-    side_length = GLASS_RADIUS * 0.85
     glass.add(
         "geom",
         name=f"{who}_glass",
         type="box",
-        size=(side_length, side_length, half),
+        size=(GLASS_SIDE, GLASS_SIDE, half),
         mass=0,
         group=HIDDEN_GROUP,
         condim=4,

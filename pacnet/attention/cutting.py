@@ -9,6 +9,7 @@ same. All distances are shares of what was shown, and all numbers of frames time
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 
 _MOVES = 0.2  # share of the moved point's usual speed from which a landmark moves
 _APART = 1.0  # share of its way by which a carried landmark's way may differ from the moved point's
+_GONE = 0.02  # share of the scene's size by which what is carried must get away
 _LEFT = 0.05  # share of the scene's size by which what was carried must be left behind
 _WINDOW = 0.05  # [s] before and after a moment in which speed is measured
 _NEAR = 0.3  # share of the scene's size at which a landmark is near, at most
@@ -51,8 +53,8 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
     """Return whether each landmark is carried or pushed by the moved point, bool `[T, M]`.
 
     It moves if it does in both halves of a window: one that is reported late has not moved. One
-    that falls into place while the moved point goes elsewhere is not carried. What comes to rest is
-    carried until it is left.
+    that falls into place while the moved point goes elsewhere is not carried, and neither is one
+    that gets nowhere: that is noise. What comes to rest is carried until it is left.
 
     Args:
         places: of the moved point and M landmarks, `[T, 1 + M, 3]`.
@@ -66,7 +68,13 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
     ways = places[after] - places[before]
     apart = np.linalg.norm(ways[:, 1:] - ways[:, :1], axis=2)
     moves &= apart < _APART * np.linalg.norm(ways[:, 1:], axis=2)
-    return _until_left(moves, places[:, 1:] - places[:, :1], _LEFT * size.extent)
+    held = _until_left(moves, places[:, 1:] - places[:, :1], _LEFT * size.extent)
+    for number in range(held.shape[1]):
+        place = places[:, 1 + number]
+        for first, end in runs(held[:, number].astype(np.int64)):
+            gone = np.linalg.norm(place[first:end] - place[first], axis=1).max()
+            held[first:end, number] &= gone > _GONE * size.extent
+    return held
 
 
 def _until_left(moves: NDArray[np.bool_], hold: Array, least: float) -> NDArray[np.bool_]:
@@ -79,21 +87,24 @@ def _until_left(moves: NDArray[np.bool_], hold: Array, least: float) -> NDArray[
     return held
 
 
-def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
+def cut(places: Array, size: Size, fps: float, put_back: Sequence[int] = ()) -> NDArray[np.int64]:
     """Return the landmark that the moved point is on its way to, `[T]`, −1 for none.
 
-    There is none where all landmarks move, or where the moved point approaches none of the others
-    in the whole demonstration.
+    There is none where all landmarks move, where the moved point approaches none of the others
+    in the whole demonstration, or once it has left for good those that it was at.
 
     Args:
         places: of the moved point and M landmarks, `[T, 1 + M, 3]`.
         size: of the scene.
         fps: frames per second [1/s].
+        put_back: numbers of the landmarks whose former places are the last of the landmarks.
     """
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
     moves = carried(places, size, fps)
-    possible = _gone_to(distances, moves, size) & ~moves
     calm = _calm(places[:, 0], size, fps)
+    possible = _gone_to(distances, moves, size) & ~moves & ~_left_for_good(distances, calm, size)
+    former = distances.shape[1] - len(put_back)
+    possible[:, former:] = False
     together = max(1, round(_TOGETHER * fps))
     frames, landmarks = distances.shape
     attained = np.full(frames, -1)
@@ -104,6 +115,9 @@ def cut(places: Array, size: Size, fps: float) -> NDArray[np.int64]:
                 first, least = _attained(distances[:, number], moves[:, number], calm, frame, size)
                 if (first // together, least) < best:
                     best, attained[frame] = (first // together, least), number
+    for number, of in enumerate(put_back, start=former):
+        apart = np.linalg.norm(places[:, 1 + number] - places[:, 1 + of], axis=1)
+        attained[_on_the_way_back(apart, moves[:, of], size)] = number
     return _without_short(attained, max(1, round(_SHORTEST * fps)))
 
 
@@ -112,6 +126,37 @@ def _gone_to(distances: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[
     farthest = np.maximum.accumulate(distances, axis=0)
     near = distances <= np.maximum(_APPROACHED * farthest, _CLOSE * size.extent)
     return np.logical_or.reduce(near | moves, axis=0)
+
+
+def _left_for_good(distances: Array, calm: NDArray[np.bool_], size: Size) -> NDArray[np.bool_]:
+    """Return whether the moved point was last at each landmark, and ends elsewhere, `[T, M]`."""
+    farthest = np.maximum.accumulate(distances, axis=0)
+    near = np.minimum(_NEAR * size.extent, np.maximum(_SHARE * farthest, _CLOSE * size.extent))
+    there = (distances <= near) & calm[:, None]
+    later = np.logical_or.accumulate(there[::-1], axis=0)[::-1]
+    return ~later & there.any(axis=0)
+
+
+def was_put_back(apart: Array, moves: NDArray[np.bool_], size: Size) -> bool:
+    """Return whether a landmark was carried away and back.
+
+    Args:
+        apart: distance from where it stood, `[T]`.
+        moves: whether it is carried, `[T]`.
+        size: of the scene.
+    """
+    return bool(_on_the_way_back(apart, moves, size).any())
+
+
+def _on_the_way_back(apart: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[np.bool_]:
+    """Return when a landmark is carried back to where it stood: once it was farthest, `[T]`."""
+    back = np.zeros(len(apart), bool)
+    for first, end in runs(moves.astype(np.int64)):
+        way = apart[first:end]
+        away, close = way.max() > _NEAR * size.extent, _CLOSE * size.extent
+        if moves[first] and away and way[-1] <= close:
+            back[first + np.flatnonzero(way >= way.max() - close)[-1] + 1 : end] = True
+    return back
 
 
 def _calm(place: Array, size: Size, fps: float) -> NDArray[np.bool_]:

@@ -20,7 +20,8 @@ def describe_cuts(imitator: Imitator) -> dict[str, Any]:
 
     Returns:
         `explained`: share of the moved point's change of place, in frames held out, that is
-        predicted from actions and momentum, None without points or before anything was learned;
+        predicted from actions and momentum, None with a body, without points or before anything was
+        learned;
         `cuts`: for each report, its segments, and whether it is followed.
     """
     from pacnet.imitator.cuts import WORLD_NAME
@@ -28,7 +29,8 @@ def describe_cuts(imitator: Imitator) -> dict[str, Any]:
     cuts, frames = imitator.cuts, imitator.frames
     if frames is None or not cuts:
         return {"explained": None, "cuts": []}
-    explained = frames.forward_model.explained_together(frames.config.points.dimensions)
+    model, dimensions = frames.forward_model, frames.config.points.dimensions
+    explained = None if model is None else model.explained_together(dimensions)
     rows = [
         {
             "dataset": report.dataset,
@@ -58,10 +60,12 @@ def cut_pairs(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     if not document["cuts"]:
         return []
     moved, explained = next(iter(document["points"])), document["explained"]
-    movement = (
-        f"{explained:.0%} of how {moved} moves is predicted from actions and momentum, in frames "
-        "held out"
-    )
+    movement = f"{moved} is where the model of the body has it with the angles perceived"
+    if explained is not None:
+        movement = (
+            f"{explained:.0%} of how {moved} moves is predicted from actions and momentum, in "
+            "frames held out"
+        )
     texts = list(_texts(document["cuts"]))
     return [("movement", movement), ("segments", texts[0]), *[("", text) for text in texts[1:]]]
 

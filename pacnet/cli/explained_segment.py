@@ -11,7 +11,7 @@ from pacnet.imitator.cuts import WORLD_NAME, ShownSegment
 from pacnet.imitator.imitator import Imitator
 from pacnet.imitator.records import ImitatorStep
 from pacnet.schemas.points import Points
-from pacnet.schemas.scene import WORLD, conjugate, landmark_of, multiply, rotate, scene_of
+from pacnet.schemas.scene import WORLD, conjugate, landmark_of, multiply, rotate
 
 
 class _Seen(NamedTuple):
@@ -22,10 +22,8 @@ class _Seen(NamedTuple):
     axes: NDArray[np.float64]  # [4]
 
 
-def followed_segment(
-    imitator: Imitator, step: ImitatorStep, percept: NDArray[np.float32]
-) -> dict[str, Any] | None:
-    """Return the segment that a step at a percept `[D]` follows; None without points.
+def followed_segment(imitator: Imitator, step: ImitatorStep) -> dict[str, Any] | None:
+    """Return the segment that the last step of an episode follows; None without points.
 
     Returns:
         Its `number` in the demonstration, from 1, `of` how many; the `landmark` that it is on the
@@ -37,7 +35,7 @@ def followed_segment(
         return None
     segments = imitator.cuts[step.followed[0].demonstration].segments
     segment = segments[step.segment]
-    now, then = _seen(imitator, step, percept, segment, points)
+    now, then = _seen(imitator, segment, points)
     in_world = segment.reference == WORLD_NAME
     return {
         "number": step.segment + 1,
@@ -50,9 +48,7 @@ def followed_segment(
     }
 
 
-def moved_deviation(
-    imitator: Imitator, step: ImitatorStep, percept: NDArray[np.float32]
-) -> dict[str, Any]:
+def moved_deviation(imitator: Imitator, step: ImitatorStep) -> dict[str, Any]:
     """Return how far the moved point is off from where it was at the moment followed.
 
     It is compared in the frame of the segment's landmark.
@@ -65,26 +61,21 @@ def moved_deviation(
     if points is None or step.segment is None:
         return {}
     segment = imitator.cuts[step.followed[0].demonstration].segments[step.segment]
-    now, then = _seen(imitator, step, percept, segment, points)
+    now, then = _seen(imitator, segment, points)
     turn = multiply(now.axes, conjugate(then.axes))
     apart = now.place - (now.origin + rotate(turn, then.place - then.origin))
     most = int(np.abs(apart[: points.dimensions]).argmax())
-    name = imitator.percept_names[points.moved.place[most]]
+    names = (
+        *imitator.percept_names,
+        *(() if imitator.frames is None else imitator.frames.config.added),
+    )
+    name = names[points.moved.place[most]]
     return {"dimension": name, "deviation": float(apart[most])}
 
 
-def _seen(
-    imitator: Imitator,
-    step: ImitatorStep,
-    percept: NDArray[np.float32],
-    segment: ShownSegment,
-    points: Points,
-) -> tuple[_Seen, _Seen]:
+def _seen(imitator: Imitator, segment: ShownSegment, points: Points) -> tuple[_Seen, _Seen]:
     """Return the moved point now, and at the moment followed."""
-    followed, shown = step.followed[0], imitator.memory.shown()
-    row = shown.first[followed.demonstration] + followed.frame
-    percepts = np.stack([percept, shown.percepts[row] / imitator.config.scaling.array])
-    scene = scene_of(percepts, points)
+    scene = imitator.followed_scene()
     names = [landmark.name for landmark in points.landmarks]
     number = WORLD if segment.reference == WORLD_NAME else names.index(segment.reference)
     origin, axes = landmark_of(scene, np.full(2, number))

@@ -59,10 +59,9 @@ def explain(
         "targets_are": imitator.config.targets,
         "target": _named(_target_names(imitator), step.target),
         "action": _named(imitator.config.action, step.action),
-        "segment": followed_segment(imitator, step, percept.numpy()),
+        "segment": followed_segment(imitator, step),
         "followed": [
-            _moment(imitator, one, percept.numpy())
-            | moved_deviation(imitator, step, percept.numpy())
+            _moment(imitator, one, percept.numpy()) | moved_deviation(imitator, step)
             for one in step.followed
         ],
         "percept": _named(imitator.percept_names, percept),

@@ -43,7 +43,7 @@ def describe_points(config: ImitatorConfig) -> dict[str, Any]:
     """
     from pacnet.imitator.points import find_points
 
-    points, names = config.points or (), config.percept_names
+    points, names = config.points or (), config.point_dimensions
     document = {point.name: [names[number] for number in point.used] for point in points}
     found, reason = find_points(config.percepts, config.state_features)
     if found is not None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from pacnet.cli.replay import ReplayedEpisode
     from pacnet.datasets.demonstrations import Demonstration, Demonstrations
-    from pacnet.schemas.frames import FramesConfig
+    from pacnet.imitator.framed import FramedSchemas
 
 _DETAILS = """The imitator runs over each episode from its start, without acting or learning. The
 output says which task it recognises, where the percepts are unlike the training data, and in
@@ -79,8 +79,8 @@ def run(arguments: argparse.Namespace) -> None:
     written = []
     if arguments.out is not None:
         _draw(episodes, behaviours, fps, Path(arguments.out))
-        if imitator.config.frames is not None:
-            _draw_segments(imitator.config.frames, demonstrations, Path(arguments.out))
+        if imitator.frames is not None:
+            _draw_segments(imitator.frames, demonstrations, Path(arguments.out))
         written.append(("pictures", str(Path(arguments.out))))
     if arguments.rerun is not None:
         write_rerun(arguments.rerun, episodes, behaviours, fps)
@@ -142,15 +142,14 @@ def _draw(
             advance(1)
 
 
-def _draw_segments(config: FramesConfig, demonstrations: Demonstrations, folder: Path) -> None:
+def _draw_segments(frames: FramedSchemas, demonstrations: Demonstrations, folder: Path) -> None:
     """Draw where each episode is cut, as it is when it is learned."""
     from pacnet.evaluation.segment_figures import distances_over_time
-    from pacnet.imitator.cuts import approach_of
 
-    names, fps = config.points.names, demonstrations.fps
+    names, fps = frames.config.points.names, demonstrations.fps
     with progress_bar("drawing", len(demonstrations), "figure") as advance:
         for shown in demonstrations:
-            approach = approach_of(shown, config, fps)
+            approach = frames.approach(shown)
             figure = distances_over_time(approach, names, 1 / fps, _title(shown))
             _save(figure, folder / f"episode_{shown.episode:03}_segments.png")
             advance(1)

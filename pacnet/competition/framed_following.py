@@ -19,7 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.competition.body_following import new_hold
 from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.percept_extension import PerceptExtension
 from pacnet.schemas.scene import pose_dimensions
 from pacnet.schemas.segments import NO_SEGMENT, Segments
 
@@ -80,6 +82,8 @@ class FramedFollower:
     Attributes:
         settings: see `FramedSettings`.
         state: see `FramedState`.
+        hold: see `Hold`; None without a body.
+        extension: appends to percepts what they imply; None before anything was learned.
     """
 
     def __init__(self, config: FramesConfig, actions: int, fps: float) -> None:
@@ -92,6 +96,8 @@ class FramedFollower:
             config.smoothing[0][0],
         )
         features = 3 * points * (points - 1) // 2 + 6 * points + len(config.others)
+        self.extension: PerceptExtension | None = None
+        self.hold = None if config.body is None else new_hold(len(config.body.commands))
         self.state = FramedState(
             seen=np.zeros(1, np.int64),
             places=np.zeros((points, 3)),
@@ -118,6 +124,11 @@ class FramedFollower:
         """Begin a new episode."""
         self.state.seen[0] = 0
         self.state.segment[0] = NO_SEGMENT
+        if self.extension is not None:
+            self.extension.reset()
+        if self.hold is not None:
+            self.hold.segment[0] = NO_SEGMENT
+            self.hold.moved[0] = 0
 
     def make_room(self, segments: Segments) -> None:
         """Be ready for so many segments; an episode goes on."""

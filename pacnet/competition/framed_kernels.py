@@ -58,6 +58,14 @@ def follow(places, turns, others, segments, allowed, state, settings, model, act
         model: `AffineArrays`, with the range of actions relative to places.
         action: where to write, `[U]`.
     """
+    advance(places, turns, others, segments, allowed, state, settings)
+    if state.segment[0] != NO_SEGMENT:
+        _act(segments, settings, state, model, action)
+
+
+@njit
+def advance(places, turns, others, segments, allowed, state, settings):
+    """Take in one more percept: choose a motor schema, or go on in it; arguments of `follow`."""
     _look(places, turns, settings, state)
     if state.segment[0] == NO_SEGMENT:
         _choose(0, ANY, others, segments, allowed, settings.extent, state)
@@ -70,8 +78,6 @@ def follow(places, turns, others, segments, allowed, state, settings, model, act
         else:  # what was held is picked up again
             leg, landmark = segments.leg[lost], segments.landmark[lost]
             _choose(leg, landmark, others, segments, allowed, settings.extent, state)
-    if state.segment[0] != NO_SEGMENT:
-        _act(segments, settings, state, model, action)
 
 
 @njit
@@ -172,8 +178,9 @@ def _begin(segment, row, segments, state):
 
 @njit
 def _here(segment, segments, state):
-    """Return where the moved point is, seen from the segment's landmark, and how it is turned."""
-    place, turn = vector_of(state.places, 0), turn_of(state.turns, 0)
+    """Return where what is moved is, seen from the segment's landmark, and how it is turned."""
+    moved = segments.moved[segment]
+    place, turn = vector_of(state.places, moved), turn_of(state.turns, moved)
     mark = segments.landmark[segment] + 1
     if mark == WORLD + 1:
         return place, turn
@@ -221,7 +228,7 @@ def _between(places, one, other):
 
 
 @njit
-def _axes(mark, state):
+def axes_of(mark, state):
     """Return how a landmark is turned now."""
     return UNTURNED if mark == WORLD else turn_of(state.turns, mark + 1)
 
@@ -310,18 +317,19 @@ def _repeat(segment, others, segments, extent, state):
 @njit
 def _off(place, row, segments, state):
     """Return how far the moved point, seen from the landmark, is from where a row wants it."""
-    left = _left(segments.share[row], state.begun[0])
-    wanted = plus(vector_of(segments.place, row), _vector(state.offset), left)
+    left = left_of(segments.share[row], state.begun[0])
+    wanted = plus(vector_of(segments.place, row), vector(state.offset), left)
     return norm(minus(place, wanted))
 
 
 @njit
-def _vector(row):
+def vector(row):
+    """Return the first three numbers of an array."""
     return row[0], row[1], row[2]
 
 
 @njit
-def _left(share, begun):
+def left_of(share, begun):
     """Return the share of an offset that is left, since another share of the path."""
     return max(0.0, 1 - (share - begun) / max(1e-9, FADE * (1 - begun)))
 
@@ -341,8 +349,8 @@ def _allowance(row, last, segments, settings, state):
     later = min(row + settings.lag, last)
     step = minus(vector_of(segments.place, later), vector_of(segments.place, row))
     begun = state.begun[0]
-    fading = _left(segments.share[later], begun) - _left(segments.share[row], begun)
-    return FLOOR * settings.extent + norm(plus(step, _vector(state.offset), fading))
+    fading = left_of(segments.share[later], begun) - left_of(segments.share[row], begun)
+    return FLOOR * settings.extent + norm(plus(step, vector(state.offset), fading))
 
 
 @njit
@@ -369,11 +377,11 @@ def _act(segments, settings, state, model, action):
     """Write the shown action, turned with the landmark, and corrected for what the pose is off."""
     segment, row = state.segment[0], state.row[0]
     last = segments.end[segment] - 1
-    axes = _axes(segments.landmark[segment], state)
+    axes = axes_of(segments.landmark[segment], state)
     place, turn = _here(segment, segments, state)
-    later = _left(segments.share[min(row + model.lead, last)], state.begun[0])
-    wanted = plus(vector_of(segments.place, row), _vector(state.offset), later)
-    offset = _vector(state.offset_turn)
+    later = left_of(segments.share[min(row + model.lead, last)], state.begun[0])
+    wanted = plus(vector_of(segments.place, row), vector(state.offset), later)
+    offset = vector(state.offset_turn)
     faded = from_vector((later * offset[0], later * offset[1], later * offset[2]))
     turned = multiply(multiply(faded, turn_of(segments.turn, row)), inverse(turn))
     _write(state.error, rotate(axes, minus(wanted, place)), rotate(axes, to_vector(turned)))
@@ -381,7 +389,7 @@ def _act(segments, settings, state, model, action):
     _write(
         state.velocity,
         minus(vector_of(state.speeds, 0), rotate(axes, (shown[0], shown[1], shown[2]))),
-        minus(_vector(state.turning), rotate(axes, (shown[3], shown[4], shown[5]))),
+        minus(vector(state.turning), rotate(axes, (shown[3], shown[4], shown[5]))),
     )
     _turned_action(segments.action[row], axes, turn_of(segments.axes, row), settings, model, state)
     _correct(settings.pose, settings.trust, model, state, action)

@@ -66,6 +66,19 @@ def pose_at(arrays, angles):
 
 
 @cached_njit(nogil=True)
+def poses_at(arrays, angles):
+    """Return where the hand is in N postures `[N, J]` [rad]: place and quaternion, `[N, 7]`."""
+    poses = np.empty((len(angles), 7))
+    for row in range(len(angles)):
+        place, turn = pose_at(arrays, angles[row])
+        for k in range(3):
+            poses[row, k] = place[k]
+        for k in range(4):
+            poses[row, 3 + k] = turn[k]
+    return poses
+
+
+@cached_njit(nogil=True)
 def reach(
     arrays, angles, shown, held_place, held_turn, place, turn, axis, weights, work
 ):  # fmt: skip

@@ -15,6 +15,8 @@ from pacnet.attention.config import SOFMConfig
 from pacnet.core.validation import is_integer
 from pacnet.datasets.demonstrations import Demonstrations, dimension_names
 from pacnet.forward_models.correction import NO_PLACE, find_position_targets
+from pacnet.forward_models.kinematics import KinematicModel
+from pacnet.imitator.body import choose_body_frames
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.forward_model import NO_MODEL, choose_forward_model
 from pacnet.imitator.frames import choose_frames
@@ -32,6 +34,7 @@ def choose_settings(
     lead: int,
     budget: int | None,
     points: PointsChoice,
+    body: KinematicModel | None,
 ) -> ImitatorConfig:
     """Return settings for these demonstrations; see `Imitator.from_demonstrations`."""
     _check_features(demonstrations)
@@ -70,24 +73,28 @@ def choose_settings(
         still_actions=chosen.still_actions,
         state=demonstrations.state_features,
         action_features=demonstrations.action_features,
-        frames=_frames(points, episodes, scaling, targets, budget),
+        frames=_frames(points, body, episodes, scaling, targets, budget),
     )
 
 
 def _frames(
     choice: PointsChoice,
+    body: KinematicModel | None,
     demonstrations: Demonstrations,
     scaling: Scaling,
     targets: Literal["action", "state"],
     budget: int | None,
 ) -> FramesConfig | None:
     """Return the settings of frames of reference; None without points, or where they are no use."""
-    given = choice is not None and choice != "auto"
+    given = body is not None or (choice is not None and choice != "auto")
     if targets == "state" or budget is not None:
         if given:
             wrong = "targets of 'state'" if targets == "state" else "a budget"
-            raise ValueError(f"expected points with targets of 'action', all kept, got {wrong}")
+            what = "points" if body is None else "a body"
+            raise ValueError(f"expected {what} with targets of 'action', all kept, got {wrong}")
         return None
+    if body is not None:
+        return choose_body_frames(body, choice, demonstrations.continuous(), scaling.scale)
     points = choose_points(choice, demonstrations)
     if points is None:
         return None

@@ -125,10 +125,15 @@ class ImitatorConfig:
             return True
         if not isinstance(frames, FramesConfig):
             return False
-        within = max((*frames.points.used, *frames.others)) < self.attention.dimensions
-        actions = frames.forward_model.action_dimensions
+        dimensions, model, body = self.attention.dimensions, frames.forward_model, frames.body
+        seen = (*frames.others, *(() if body is None else body.angles))
+        within = max(seen, default=0) < dimensions
+        within &= max(frames.points.used) < dimensions + len(frames.added)
+        actions = len(self.action)
+        moved = model is None or model.action_dimensions == actions
+        commanded = body is None or max(body.commands) < actions
         whole = self.targets == "action" and self.budget is None
-        return whole and within and actions == len(self.action)
+        return whole and within and moved and commanded
 
     @property
     def points(self) -> Points | None:
@@ -161,6 +166,11 @@ class ImitatorConfig:
     def percept_names(self) -> tuple[str, ...]:
         """Names of a percept's D dimensions."""
         return dimension_names(self.percepts)
+
+    @cached_property
+    def point_dimensions(self) -> tuple[str, ...]:
+        """Names of a percept's D dimensions, and of what it implies where there are points."""
+        return (*self.percept_names, *(() if self.frames is None else self.frames.added))
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> ImitatorConfig:

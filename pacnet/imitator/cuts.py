@@ -7,13 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.attention.cutting import carried, cut
-from pacnet.datasets.demonstrations import Demonstration
-from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.points import Points
 from pacnet.schemas.scene import WORLD
 from pacnet.schemas.segments import Segments
-from pacnet.schemas.smoothing import smoothed_scene
 
 WORLD_NAME = "world"
 """In place of a landmark: the percepts' own axes."""
@@ -87,16 +83,3 @@ def cuts_of(
         )
         cuts.append(ShownCut(shown, bool(segments.usual[own[0]])))
     return tuple(cuts)
-
-
-def approach_of(shown: Demonstration, config: FramesConfig, fps: float) -> Approach:
-    """Return how an episode of T ≥ 1 frames, learned or not, comes near the landmarks."""
-    parts = [_approach(part.percepts.numpy(), config, fps) for part in shown.continuous()]
-    return Approach(*map(np.concatenate, zip(*parts, strict=True)))
-
-
-def _approach(percepts: NDArray[np.float32], config: FramesConfig, fps: float) -> Approach:
-    places = smoothed_scene(percepts, config.points, config.smoothing).places
-    distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
-    landmark = cut(places, config.size, fps)
-    return Approach(distances, landmark, carried(places, config.size, fps))

@@ -9,19 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.attention.cutting import cut
+from pacnet.attention.cutting import carried, cut
+from pacnet.competition.body_following import Body, body_of
 from pacnet.competition.framed_following import FramedFollower
 from pacnet.core.integrity import check_conditions, check_on_load, check_structure, part_of
-from pacnet.datasets.demonstrations import Demonstrations
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.affine import AffineForwardModel
 from pacnet.forward_models.affine_arrays import AffineArrays
 from pacnet.forward_models.affine_fit import least_frames
-from pacnet.imitator.framed_novelty import Bounds, bounds_of
+from pacnet.forward_models.kinematic_arrays import KinematicArrays
+from pacnet.forward_models.kinematics import KinematicModel
+from pacnet.imitator.cuts import Approach
+from pacnet.imitator.framed_novelty import Bounds, bounds_of, novelty_of
 from pacnet.imitator.frames import fit_to_poses
 from pacnet.schemas.demonstration_memory import Shown
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.framing import Framed, framed, segments_of
-from pacnet.schemas.scene import Scene, pose_dimensions, poses_of
+from pacnet.schemas.percept_extension import PerceptExtension
+from pacnet.schemas.scene import Scene, pose_dimensions, poses_of, scene_of
 from pacnet.schemas.segments import SegmentMemory, Segments
 from pacnet.schemas.smoothing import smoothed_scene
 
@@ -33,7 +38,7 @@ class FramedKnown(NamedTuple):
     """What `Imitator.step` works on in frames of reference."""
 
     segments: Segments
-    model: AffineArrays
+    model: AffineArrays | Body
     bounds: Bounds
     allowed: NDArray[np.bool_]
     """Which segments are of the task that was asked for, `[S]`."""
@@ -54,23 +59,30 @@ class FramedSchemas(nn.Module):
         super().__init__()
         self.config, self.fps = config, fps
         self.segments = SegmentMemory(len(config.points.landmarks))
-        self.forward_model = AffineForwardModel(config.forward_model)
+        model, body = config.forward_model, config.body
+        self.forward_model = None if model is None else AffineForwardModel(model)
+        self.body = None if body is None else KinematicModel(body.model)
         self._framed: list[Framed] = []  # derived from the demonstrations, as the next
         self._derived: tuple[Shown, Segments, Bounds] | None = None
         check_on_load(self)
+
+    def take_body(self, body: KinematicModel) -> None:
+        """Take over what a model of the body has learned."""
+        assert self.body is not None
+        self.body.load_state_dict(body.state_dict())
 
     def fit(self, demonstrations: Demonstrations) -> None:
         """Fit the forward model to continuous demonstrations, unless it was fitted before.
 
         Where all are too short nothing is fitted.
         """
-        lead = self.config.forward_model.lead
+        model = self.forward_model
         longest = max((len(one.state) for one in demonstrations), default=0)
-        if self.forward_model.moves.any() or longest < least_frames(lead):
+        if model is None or model.moves.any() or longest < least_frames(model.config.lead):
             return
         scenes = [self._smoothed(one.percepts.numpy()) for one in demonstrations]
         poses = [poses_of(scene, self.config.points.moved) for scene in scenes]
-        fit_to_poses(self.forward_model, poses, demonstrations)
+        fit_to_poses(model, poses, demonstrations)
 
     def cut(self, number: int, percepts: NDArray[np.float32], begins: int) -> None:
         """Keep where a demonstration is cut.
@@ -80,11 +92,39 @@ class FramedSchemas(nn.Module):
             percepts: `[T, D]`, in their own units.
             begins: how; see `SegmentMemory.append`.
         """
-        places = self._smoothed(percepts).places
-        self.segments.append(number, cut(places, self.config.size, self.fps), begins)
+        self.segments.append(number, self._approach(percepts).landmark, begins)
+
+    def extension(self) -> PerceptExtension:
+        """Return what appends to the percepts of an episode what they imply."""
+        return PerceptExtension(self.config, self._kinematics())
+
+    def _kinematics(self) -> KinematicArrays | None:
+        return None if self.body is None else self.body.arrays()
+
+    def novelty(self, percepts: NDArray[np.float32], bounds: Bounds) -> NDArray[np.float64]:
+        """Return the novelty of an episode's percepts `[T, D]`, beside what was shown, `[T]`.
+
+        What a body cannot reach is seen only while acting.
+        """
+        config = self.config
+        scene = scene_of(self.extension().episode(percepts), config.points)
+        others = percepts[:, config.others].astype(np.float64) / config.ranges
+        return novelty_of(scene, others, bounds)
+
+    def approach(self, shown: Demonstration) -> Approach:
+        """Return how an episode of T ≥ 1 frames, learned or not, comes near the landmarks."""
+        parts = [self._approach(part.percepts.numpy()) for part in shown.continuous()]
+        return Approach(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def _approach(self, percepts: NDArray[np.float32]) -> Approach:
+        places, config = self._smoothed(percepts).places, self.config
+        distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
+        landmark = cut(places, config.size, self.fps, config.put_back)
+        return Approach(distances, landmark, carried(places, config.size, self.fps))
 
     def _smoothed(self, percepts: NDArray[np.float32]) -> Scene:
-        return smoothed_scene(percepts, self.config.points, self.config.smoothing)
+        extended = self.extension().episode(percepts)
+        return smoothed_scene(extended, self.config.points, self.config.smoothing)
 
     def known(
         self,
@@ -111,31 +151,45 @@ class FramedSchemas(nn.Module):
             return None
         segments, bounds = self._derive(shown, unit)
         follower.make_room(segments)
+        follower.extension = follower.extension or self.extension()
         return FramedKnown(
             segments,
-            _for_frames(self.forward_model.arrays(), segments, self.config),
+            self._model(segments),
             bounds,
             allowed[segments.demonstration],
             follower,
             shown.first,
         )
 
+    def _model(self, segments: Segments) -> AffineArrays | Body:
+        """Return what finds actions."""
+        config, kinematics = self.config, self._kinematics()
+        if config.body is not None and kinematics is not None:
+            return body_of(config.body, kinematics, config.size.extent)
+        assert self.forward_model is not None
+        return _for_frames(self.forward_model.arrays(), segments, config)
+
     def _derive(self, shown: Shown, unit: NDArray[np.float64]) -> tuple[Segments, Bounds]:
         """Return the segments of these demonstrations, and the bounds of what was shown."""
         if self._derived is None or self._derived[0] is not shown:
+            kinematics = self._kinematics()
             for number in range(len(self._framed), len(shown.frames)):
                 rows = slice(shown.first[number], shown.first[number + 1])
-                percepts = shown.percepts[rows] * unit
-                self._framed.append(framed(percepts, shown.targets[rows], self.config, self.fps))
+                percepts = self.extension().episode(shown.percepts[rows] * unit)
+                actions = shown.targets[rows]
+                self._framed.append(framed(percepts, actions, self.config, self.fps, kinematics))
             cuts = self.segments.columns()
-            segments = segments_of(self._framed, cuts, shown, self.config.size.extent)
+            segments = segments_of(self._framed, cuts, shown, self.config)
             self._derived = shown, segments, bounds_of(segments)
         return self._derived[1:]
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
-        check_structure(self, tensors)  # all but the forward model
-        self.forward_model.check_state(part_of(tensors, "forward_model."))
+        check_structure(self, tensors)  # all but the models
+        if self.forward_model is not None:
+            self.forward_model.check_state(part_of(tensors, "forward_model."))
+        if self.body is not None:
+            self.body.check_loaded(part_of(tensors, "body."))
 
     def check_cuts(
         self,

@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 
 from pacnet.imitator.novelty import NoveltyScore
 from pacnet.schemas.frames import FramesConfig
-from pacnet.schemas.scene import scene_of
+from pacnet.schemas.scene import WORLD, Scene, to_vector
 from pacnet.schemas.segments import Segments
 
 Array = NDArray[np.float64]
 
 _FAR = 3.0  # times the largest distance of two points in what was shown
 _BEYOND = 2.0  # of its range: how far outside of what was shown something else may be
+
+_REACH = 0.05  # share of the scene's size by which a hand may miss a place
+_TILTED = 0.6  # [rad] by which it may be turned otherwise than shown
 
 
 class Bounds(NamedTuple):
@@ -77,15 +80,44 @@ def score(places: Array, others: Array, bounds: Bounds, config: FramesConfig) ->
     return NoveltyScore(novelty, dimension, float(apart[axis]), bounds.farthest)
 
 
-def novelty_of(
-    percepts: NDArray[np.float32], bounds: Bounds, config: FramesConfig
-) -> NDArray[np.float64]:
-    """Return the novelty of each percept `[T, D]`, as `score` gives it, `[T]`."""
-    places = scene_of(percepts, config.points).places
+def unreached(miss: Array, landmark: int, turns: Array, config: FramesConfig) -> NoveltyScore:
+    """Score what a body cannot reach of the way to a landmark.
+
+    Args:
+        miss: by how much the posture at its end is off: along three axes, and turned [rad], `[4]`.
+        landmark: number of the landmark, `WORLD` for none.
+        turns: how all points are turned, `[P, 4]`.
+        config: of the frames.
+
+    Returns:
+        The distance from the place that can be reached, in the dimension where it is largest, or
+        by how much the hand would be turned, in the landmark's own dimension that is turned most.
+    """
+    if landmark == WORLD:
+        return NoveltyScore(0.0, 0, 0.0, 1.0)
+    point, reach = config.points.landmarks[landmark], _REACH * config.size.extent
+    axis = int(np.abs(miss[:3]).argmax())
+    short = float(np.linalg.norm(miss[:3])) / reach
+    turned = float(miss[3]) / _TILTED
+    if short >= turned or not point.orientation:
+        return NoveltyScore(max(short, turned), point.place[axis], float(miss[axis]), reach)
+    vector = to_vector(turns[1 + landmark])
+    most = min(int(np.abs(vector).argmax()), len(point.orientation) - 1)
+    return NoveltyScore(turned, point.orientation[most], float(miss[3]), _TILTED)
+
+
+def novelty_of(scene: Scene, others: Array, bounds: Bounds) -> Array:
+    """Return the novelty of each of T percepts, as `score` gives it, `[T]`.
+
+    Args:
+        scene: of the percepts.
+        others: of what is no point, in shares of its range, `[T, Q]`.
+        bounds: of what was shown.
+    """
+    places = scene.places
     distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2).max(axis=1)
-    infinite = np.full(len(percepts), math.inf)
+    infinite = np.full(len(places), math.inf)
     novelty = distances / bounds.farthest if bounds.farthest > 0 else infinite
-    if len(config.others) == 0:
+    if others.shape[1] == 0:
         return novelty
-    others = percepts[:, config.others].astype(np.float64) / config.ranges
     return np.maximum(novelty, (np.abs(others - bounds.middle) / bounds.half).max(axis=1))

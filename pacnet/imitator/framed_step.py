@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pacnet.imitator.cuts import landmark_name
 from pacnet.imitator.framed import FramedKnown
-from pacnet.imitator.framed_novelty import score
+from pacnet.imitator.framed_novelty import score, unreached
 from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.records import Followed, ImitatorStep
 from pacnet.schemas.frames import FramesConfig
@@ -28,20 +30,30 @@ def framed_step(
         percept: of finite numbers.
         known: what is known, and the recall episode.
         config: of the frames.
-        names: of the percept's dimensions.
+        names: of the percept's dimensions, and of what it implies.
         end_frames: frames before the last one of a demonstration from which it is done.
     """
-    from pacnet.competition.framed_kernels import follow  # imports numba
+    from pacnet.competition.body_kernels import follow_with_body  # imports numba
+    from pacnet.competition.framed_kernels import follow
 
-    places, turns = scene_at(percept, config.points)
+    extension = known.follower.extension
+    assert extension is not None
+    places, turns = scene_at(extension(percept), config.points)
     others = percept[list(config.others)].astype(np.float64) / config.ranges
     segments, state = known.segments, known.follower.state
-    wanted = np.empty(segments.action.shape[1])
-    follow(
-        places, turns, others, segments, known.allowed, state,
-        known.follower.settings, known.model, wanted,
-    )  # fmt: skip
+    wanted, settings = np.empty(segments.action.shape[1]), known.follower.settings
+    seen, hold = (places, turns, others), known.follower.hold
+    if hold is not None:
+        follow_with_body(
+            *seen, segments, known.allowed, state, settings, known.model, hold, wanted
+        )  # fmt: skip
+    else:
+        follow(*seen, segments, known.allowed, state, settings, known.model, wanted)
     found = score(places, others, known.bounds, config)
+    if hold is not None:
+        landmark = segments.landmark[state.segment.item()].item()
+        missed = unreached(hold.miss, landmark, turns, config)
+        found = max(found, missed, key=attrgetter("novelty"))
     is_novel = not found.novelty <= NOVEL
     segment, row = state.segment.item(), state.row.item()
     target, followed, progress, done, landmark, number = None, (), 0.0, False, None, None

@@ -55,19 +55,33 @@ def choose_frames(
     reason = _reason(points, scenes, poses, model, demonstrations)
     if reason is not None:
         return _refuse(reason, given)
-    percepts = torch.cat([one.percepts for one in demonstrations]).double()
-    lowest, highest = percepts.amin(dim=0), percepts.amax(dim=0)
-    changing = (highest > lowest).nonzero().ravel().tolist()  # what never changes says nothing
-    others = tuple(sorted({*changing} - {*points.used}))
-    ranges = torch.maximum(highest - lowest, _SHARE * torch.maximum(highest, -lowest)).tolist()
+    others, ranges = others_of(demonstrations, {*points.used}, scale)
     return FramesConfig(
         points,
         measure(_moving([scene.places[:, 0] for scene in scenes]), demonstrations.fps),
         smoothing,
         others,
-        tuple(max(ranges[number], _LEAST_RANGE / scale[number]) for number in others),
+        ranges,
         model.config,
     )
+
+
+def others_of(
+    demonstrations: Demonstrations, used: set[int], scale: Sequence[float]
+) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Return the dimensions of percepts that change and are not used, and their ranges.
+
+    Args:
+        demonstrations: some.
+        used: dimensions of points, or of a body.
+        scale: factor on each dimension of a percept, `[D]`.
+    """
+    percepts = torch.cat([one.percepts for one in demonstrations]).double()
+    lowest, highest = percepts.amin(dim=0), percepts.amax(dim=0)
+    changing = (highest > lowest).nonzero().ravel().tolist()  # what never changes says nothing
+    others = tuple(sorted({*changing} - used))
+    ranges = torch.maximum(highest - lowest, _SHARE * torch.maximum(highest, -lowest)).tolist()
+    return others, tuple(max(ranges[number], _LEAST_RANGE / scale[number]) for number in others)
 
 
 def _reason(

@@ -25,10 +25,10 @@ from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import warn_renamed
 from pacnet.core.validation import MAX_VALUE, check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
 from pacnet.imitator.forward_model import fit
-from pacnet.imitator.framed_novelty import novelty_of
 from pacnet.imitator.framed_step import framed_step
 from pacnet.imitator.learning import Draft, how_begins
 from pacnet.imitator.novelty import NOVEL
@@ -90,6 +90,7 @@ class Imitator(ImitatorState):
         *,
         budget: int | None = None,
         points: PointsChoice = "auto",
+        body: KinematicModel | None = None,
     ) -> Imitator:
         """Return an untrained imitator with settings chosen from these demonstrations.
 
@@ -101,13 +102,21 @@ class Imitator(ImitatorState):
             budget: most targets that are kept; see `pacnet.imitator.budget`. None for all.
             points: which dimensions of a percept are places, as texts: the one that the robot's
                 actions move first, such as `hand=observation.state[0:3]`, then the landmarks; see
-                `pacnet.imitator.points`. "auto" finds them by their names, None is none.
+                `pacnet.imitator.points`. "auto" finds them by their names, None is none. With a
+                body they are the landmarks alone.
+            body: tells where the hand is from the angles among the percepts, and finds the angles
+                that take it somewhere; actions are targets of these angles then. None without one.
 
         Raises:
             ValueError: no demonstrations, percepts that never change, actions that never do or too
-                few frames where a forward model has to find them, or points that are none here.
+                few frames where a forward model has to find them, points that are none here, or a
+                body whose angles are not among percepts and actions.
         """
-        return cls(choose_settings(demonstrations, targets, lead, budget, points), engine)
+        config = choose_settings(demonstrations, targets, lead, budget, points, body)
+        imitator = cls(config, engine)
+        if body is not None and imitator.frames is not None:
+            imitator.frames.take_body(body)
+        return imitator
 
     @classmethod
     def untaught(cls, *args: Any, **kwargs: Any) -> Imitator:
@@ -187,7 +196,8 @@ class Imitator(ImitatorState):
             )
         if known.framed is not None and self.frames is not None:
             end = _END * self.config.fps
-            return framed_step(percept, known.framed, self.frames.config, self.percept_names, end)
+            names = self.config.point_dimensions
+            return framed_step(percept, known.framed, self.frames.config, names, end)
         return self._step(percept, scaled, known)
 
     def _step(
@@ -292,7 +302,7 @@ class Imitator(ImitatorState):
         if framed is None or self.frames is None:
             seen = detector.novelty(percepts.numpy() * self._scale, shown)
         else:
-            seen = novelty_of(percepts.numpy(), framed.bounds, self.frames.config)
+            seen = self.frames.novelty(percepts.numpy(), framed.bounds)
         novelty = torch.from_numpy(seen.astype(np.float32))
         return Recognition(
             probability,
@@ -325,8 +335,7 @@ class Imitator(ImitatorState):
         """
         if self.frames is None or known.framed is None:
             return without
-        novelty = novelty_of(percepts.numpy(), known.framed.bounds, self.frames.config)
-        return float(novelty.max())
+        return float(self.frames.novelty(percepts.numpy(), known.framed.bounds).max())
 
     def _mean_first_action(self, shown: Demonstration) -> Tensor:
         """Return the mean first action `[U]` once this demonstration is learned."""

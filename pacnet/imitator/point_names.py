@@ -80,6 +80,16 @@ def find_points(
     return FoundPoints(Points(moved, alike), "")
 
 
+def find_landmarks(features: Mapping[str, Sequence[str]]) -> tuple[Point, ...]:
+    """Find the points in space by the names of their dimensions, as `find_points` does.
+
+    Args:
+        features: feature -> names of its dimensions, in the order of the percept.
+    """
+    found = _renamed([*_candidates(features)])
+    return tuple(one.point for one in found if len(one.point.place) == 3)
+
+
 def unit_of(name: str) -> str:
     """Return the last part of a dimension's name, in lower case."""
     return _SEPARATOR.split(name.lower())[-1]

@@ -66,15 +66,43 @@ def parse_points(texts: Sequence[str] | Mapping[str, str], features: Features) -
             length, an order of what is no quaternion, the same name or dimension twice, or fewer
             than two points.
     """
-    pairs = [_named(text) for text in _as_texts(texts)]
-    points = [_point(name, text, features) for name, text in pairs]
+    points = _parsed(texts, features)
     if len(points) < 2:
         raise ValueError(
             "expected the point that the robot's actions move, and a landmark at least, each as "
             f"{_FORM}, got {', '.join(point.name for point in points) or 'none'}"
         )
-    _check_together(points, features)
     return Points(points[0], tuple(points[1:]))
+
+
+def parse_landmarks(
+    texts: Sequence[str] | Mapping[str, str], features: Features
+) -> tuple[Point, ...]:
+    """Return the landmarks that texts name, where a body says where the hand is.
+
+    Args:
+        texts: as of `parse_points`.
+        features: feature -> names of its dimensions, in the order of the percept.
+
+    Raises:
+        ValueError: as `parse_points`; no landmark, or one in a plane.
+    """
+    landmarks = _parsed(texts, features)
+    flat = [point.name for point in landmarks if len(point.place) < 3]
+    if flat or not landmarks:
+        raise ValueError(
+            f"expected landmarks of 3 dimensions beside a body's hand, each as {_FORM}, got "
+            f"{', '.join(flat) or 'none'}"
+        )
+    return tuple(landmarks)
+
+
+def _parsed(texts: Sequence[str] | Mapping[str, str], features: Features) -> list[Point]:
+    pairs = [_named(text) for text in _as_texts(texts)]
+    points = [_point(name, text, features) for name, text in pairs]
+    if points:
+        _check_together(points, features)
+    return points
 
 
 def _usable(found: Points, demonstrations: Demonstrations) -> Points | None:

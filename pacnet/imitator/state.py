@@ -36,6 +36,8 @@ from pacnet.imitator.novelty import NoveltyDetector
 from pacnet.imitator.records import EpisodeReport, read_reports, task_name
 from pacnet.kernels.engine import Engine
 from pacnet.schemas.demonstration_memory import DemonstrationMemory, Shown
+from pacnet.schemas.scene import Scene
+from pacnet.schemas.segments import NO_SEGMENT
 
 _MODEL = "forward_model"
 
@@ -110,6 +112,19 @@ class ImitatorState(nn.Module):
             return ()
         landmark = self.frames.segments.columns()["landmark"]
         return cuts_of(known.segments, landmark, self.frames.config.points)
+
+    def followed_scene(self) -> Scene:
+        """Return where the points are in this episode, and were at the moment followed: two rows.
+
+        Raises:
+            ValueError: no segment is followed.
+        """
+        known = self._latest().framed
+        if known is None or known.follower.state.segment.item() == NO_SEGMENT:
+            raise ValueError("expected an episode in which a segment is followed")
+        state, segments, row = known.follower.state, known.segments, known.follower.state.row.item()
+        places, turns = (state.places, segments.places[row]), (state.turns, segments.turns[row])
+        return Scene(np.stack(places), np.stack(turns))
 
     def _begin_again(self) -> None:
         """Forget what was derived from the state, which has changed."""

@@ -8,6 +8,7 @@ from typing import Any
 from pacnet.attention.cutting import Size
 from pacnet.core.validation import check_fields, is_integer, is_number
 from pacnet.forward_models.config import AffineForwardModelConfig
+from pacnet.schemas.body import BodyConfig
 from pacnet.schemas.points import Points
 from pacnet.schemas.scene import pose_dimensions
 
@@ -22,7 +23,10 @@ class FramesConfig:
         smoothing: alpha and beta of each point; see `pacnet.schemas.smoothing`.
         others: the dimensions of a percept that are no points and changed in what was shown.
         ranges: the range of each of these in what was shown, > 0.
-        forward_model: settings of the model that finds actions which move a pose.
+        forward_model: settings of the model that finds actions which move a pose; None with a body.
+        body: says where the moved point is and finds postures that take it somewhere; None without.
+        put_back: numbers of the landmarks that are put back where they stood; these places are the
+            last of the points' landmarks, in this order.
     """
 
     points: Points
@@ -30,13 +34,15 @@ class FramesConfig:
     smoothing: tuple[tuple[float, float], ...]
     others: tuple[int, ...]
     ranges: tuple[float, ...]
-    forward_model: AffineForwardModelConfig
+    forward_model: AffineForwardModelConfig | None
+    body: BodyConfig | None = None
+    put_back: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Turn the lists that JSON reads into tuples, and check the fields."""
         object.__setattr__(self, "size", Size(*self.size))
         object.__setattr__(self, "smoothing", tuple(map(tuple, self.smoothing)))
-        for name in ("others", "ranges"):
+        for name in ("others", "ranges", "put_back"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         count, pose = len(self.points.names), len(pose_dimensions(self.points.moved))
         gains = [gain for pair in self.smoothing for gain in pair]
@@ -45,7 +51,10 @@ class FramesConfig:
         differ = of_others and len({*self.others}) == len(self.others)
         apart = differ and not {*self.others} & {*self.points.used}
         ranges = all(is_number(one) and one > 0 for one in self.ranges)
-        states = self.forward_model.state_dimensions
+        model, back = self.forward_model, self.put_back
+        one_of_both = (model is None) != (self.body is None)
+        states = pose if model is None else model.state_dimensions
+        seen = len(self.points.landmarks) - len(back)
         checks = {
             "size": (all(is_number(one) and one > 0 for one in self.size), "above 0"),
             "smoothing": (
@@ -54,9 +63,27 @@ class FramesConfig:
             ),
             "others": (apart, "as different dimensions that are no points"),
             "ranges": (ranges and len(self.ranges) == len(self.others), "above 0, of the others"),
-            "forward_model": (states == pose, f"of the {pose} dimensions of the moved point"),
+            "forward_model": (
+                one_of_both and states == pose,
+                f"of the {pose} dimensions of the moved point, or a body",
+            ),
+            "put_back": (
+                all(is_integer(one, 0) and one < seen for one in back)
+                and len({*back}) == len(back),
+                f"as different landmarks, of {seen}",
+            ),
         }
         check_fields(self, checks)
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Names of what is appended to a percept; see `pacnet.schemas.percept_extension`."""
+        hand, back = self.points.moved.name, len(self.put_back)
+        parts = ("x", "y", "z", "qw", "qx", "qy", "qz") if self.body is not None else ()
+        names = [f"{hand}.{part}" for part in parts]
+        for landmark in self.points.landmarks[len(self.points.landmarks) - back :]:
+            names += [f"{landmark.name}.{axis}" for axis in "xyz"[: len(landmark.place)]]
+        return tuple(names)
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> FramesConfig:
@@ -67,7 +94,12 @@ class FramesConfig:
         """
         try:
             points = Points.from_dict(fields["points"])
-            model = AffineForwardModelConfig(**fields["forward_model"])
-            return cls(**{**fields, "points": points, "forward_model": model})
+            model, body = fields["forward_model"], fields.get("body")
+            parts = {
+                "points": points,
+                "forward_model": None if model is None else AffineForwardModelConfig(**model),
+                "body": None if body is None else BodyConfig.from_dict(body),
+            }
+            return cls(**{**fields, **parts})
         except (KeyError, TypeError) as error:
             raise ValueError(f"expected the fields of FramesConfig, got {error!r}") from error

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pacnet.attention.cutting import carried
 from pacnet.forward_models.affine_rows import placed
+from pacnet.forward_models.kinematic_arrays import KinematicArrays
 from pacnet.schemas.chains import (
     ANY_LEG,
     GOES_ON,
@@ -22,6 +23,7 @@ from pacnet.schemas.chains import (
 from pacnet.schemas.demonstration_memory import Shown
 from pacnet.schemas.frame_choice import choose_landmarks
 from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.holding import held_in
 from pacnet.schemas.scene import (
     Scene,
     conjugate,
@@ -52,30 +54,45 @@ class Framed(NamedTuple):
     """In shares of their ranges, `[T, Q]`."""
     carried: NDArray[np.bool_]
     """Whether each landmark moves, `[T, M]`."""
+    hand: Array
+    """With a body, where the hand is with the angles that are commanded: place, turn, `[T, 7]`."""
 
 
 def framed(
-    percepts: NDArray[np.floating], actions: NDArray[np.floating], config: FramesConfig, fps: float
+    percepts: NDArray[np.floating],
+    actions: NDArray[np.floating],
+    config: FramesConfig,
+    fps: float,
+    kinematics: KinematicArrays | None,
 ) -> Framed:
     """Return a demonstration's scene and movement.
 
     Args:
-        percepts: `[T, D]`, in their own units.
+        percepts: `[T, D]`, extended, in their own units.
         actions: `[T, U]`.
         config: of frames.
         fps: frames per second [1/s].
+        kinematics: of the body; None without one.
     """
     scene = smoothed_scene(percepts, config.points, config.smoothing)
     poses = poses_of(scene, config.points.moved)
     velocity = np.zeros((len(poses), 6))
     velocity[1:, pose_dimensions(config.points.moved)] = np.diff(poses, axis=0)
-    relative = actions - placed(poses, config.forward_model.follows)
+    model = config.forward_model
+    relative = actions if model is None else actions - placed(poses, model.follows)
+    averaged = _averaged(relative.astype(np.float64), round(_ACTION_TIME * fps))
+    hand = np.zeros((len(poses), 7))
+    if config.body is not None and kinematics is not None:
+        from pacnet.forward_models.kinematic_kernels import poses_at  # imports numba
+
+        hand = poses_at(kinematics, averaged[:, config.body.commands])
     return Framed(
         scene,
         velocity,
-        _averaged(relative, round(_ACTION_TIME * fps)),
+        averaged,
         percepts[:, config.others].astype(np.float64) / config.ranges,
         carried(scene.places, config.size, fps),
+        hand,
     )
 
 
@@ -91,7 +108,7 @@ def segments_of(
     demonstrations: Sequence[Framed],
     cuts: Mapping[str, Numbers],
     shown: Shown,
-    extent: float,
+    config: FramesConfig,
 ) -> Segments:
     """Return all segments; arguments in the order of the demonstrations.
 
@@ -99,11 +116,12 @@ def segments_of(
         demonstrations: E of them.
         cuts: see `SegmentMemory.columns`.
         shown: the same demonstrations.
-        extent: size of the scene.
+        config: of frames.
     """
     from pacnet.schemas.layout_kernels import layouts  # imports numba
 
-    places, turns, velocity, action, others, carried = (
+    extent = config.size.extent
+    places, turns, velocity, action, others, carried, hand = (
         np.concatenate(parts)
         for parts in zip(*[(*one.scene, *one[1:]) for one in demonstrations], strict=True)
     )
@@ -115,15 +133,21 @@ def segments_of(
     chains = in_chains(cuts, cuts["landmark"], shown)
     usual, landmark = _usual(scene, carried, cuts, chains, extent)
     after = successors(chains, landmark, usual)
-    origin, axes = landmark_of(scene, landmark.repeat(cuts["frames"]))
+    frames = cuts["frames"]
+    held = held_in(scene, carried, first, end, config.body is not None)
+    origin, axes = landmark_of(scene, landmark.repeat(frames))
     back = conjugate(axes)
-    place = rotate(back, places[:, 0] - origin)
+    rows, moved = np.arange(len(places)), held.moved.repeat(frames)
+    place = rotate(back, places[rows, moved] - origin)
     seen = [rotate(back, velocity[:, :3]), rotate(back, velocity[:, 3:])]
+    grip, grip_turn = held.place.repeat(frames, axis=0), held.turn.repeat(frames, axis=0)
+    goal = rotate(back, hand[:, :3] + rotate(hand[:, 3:], grip) - origin)
     return Segments(
         first, end, landmark, number, chains.order, chains.leg, after, usual,
         layouts(places[first], turns[first], others[first], extent),
-        places, turns, place, multiply(back, turns[:, 0]), np.concatenate(seen, axis=1), axes,
-        _shares(place, first, end), action, others, carried,
+        places, turns, place, multiply(back, turns[rows, moved]),
+        np.concatenate(seen, axis=1), axes, _shares(place, first, end), action, others, carried,
+        held.moved, held.about_axis, goal, multiply(multiply(back, hand[:, 3:]), grip_turn),
     )  # fmt: skip
 
 

@@ -56,9 +56,9 @@ class Segments(NamedTuple):
     turns: Array
     """Of all points, `[R, P, 4]`."""
     place: Array
-    """Of the moved point, seen from the landmark, `[R, 3]`."""
+    """Of what is moved, seen from the landmark, `[R, 3]`."""
     turn: Array
-    """Of the moved point, relative to the landmark's, `[R, 4]`."""
+    """Of what is moved, relative to the landmark's, `[R, 4]`."""
     velocity: Array
     """Change of its pose from the last frame, in the landmark's axes, `[R, 6]`."""
     axes: Array
@@ -71,6 +71,15 @@ class Segments(NamedTuple):
     """What is perceived beside points, in shares of its range, `[R, Q]`."""
     carried: NDArray[np.bool_]
     """Whether each landmark moves, `[R, M]`."""
+    moved: Numbers
+    """What is moved to the landmark, `[S]`: the moved point, 0, or with a body the landmark that it
+    carries, its number + 1."""
+    about_axis: NDArray[np.bool_]
+    """Whether only how its third axis points is known of how that is turned, `[S]`."""
+    goal: Array
+    """With a body, where its hand or what it carries is to be, seen from the landmark, `[R, 3]`."""
+    goal_turn: Array
+    """With a body, how that is to be turned, relative to the landmark, `[R, 4]`."""
 
     def chain_around(self, segment: int) -> tuple[int, int]:
         """Return the first segment of a segment's chain, and the one after its last one."""

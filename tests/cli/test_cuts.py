@@ -12,7 +12,6 @@ from command_line import SURROUNDINGS, run, value_of
 from pacnet.cli.cuts import cut_pairs
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.imitator import Imitator
-from pacnet.imitator.cuts import approach_of
 
 
 @pytest.fixture(scope="module")
@@ -131,11 +130,11 @@ def test_watch_draws_where_each_episode_is_cut(carrying: Path, carrier: Path, tm
 
 def test_what_is_drawn_is_what_was_learned(carrying: Path, carrier: Path):
     imitator, demonstrations = Imitator.from_pretrained(carrier), load_demonstrations(carrying)
-    config = imitator.config.frames
-    assert config is not None
+    frames = imitator.frames
+    assert frames is not None
     for cut, episode in zip(imitator.cuts, demonstrations, strict=True):
-        approach = approach_of(episode, config, demonstrations.fps)
-        names = [config.points.names[1 + number] for number in approach.landmark.tolist()]
+        approach = frames.approach(episode)
+        names = [frames.config.points.names[1 + number] for number in approach.landmark.tolist()]
         learned = [part.landmark for part in cut.segments for _ in range(part.frames)]
         assert names == learned
         apart = episode.state[:, :2] - episode.environment_state[:, :2]

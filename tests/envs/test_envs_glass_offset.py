@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 import envs  # noqa: F401  registers the environment
-from envs.glass_offset import CLEARANCE, DIRECTIONS, MAX_OFFSET, checked_offset, draw_offset
+from envs.glass_offset import (
+    CLEARANCE,
+    DIRECTIONS,
+    MAX_OFFSET,
+    checked_offset,
+    draw_offset,
+    draw_within,
+)
 from envs.scene import GLASS_PLACE, GLASS_RADIUS, ROOT_DISTANCE, TABLE_HALF_SIZE
 
 ENV_ID = "pacnet/PosturalImitation-v0"
@@ -109,6 +116,33 @@ def test_drawn_offsets_have_the_length_and_the_directions_and_can_be_used():
     assert high - 0.1 < directions.max() <= high
     assert all(np.array_equal(checked_offset(offset), offset) for offset in offsets)
     assert np.array_equal(draw_offset(np.random.default_rng(0), DISTANCE), offsets[0])
+
+
+def test_offsets_within_a_radius_are_uniform_in_area():
+    rng = np.random.default_rng(0)
+    offsets = np.array([draw_within(rng, DISTANCE) for _ in range(2000)])
+    shares = (np.linalg.norm(offsets, axis=1) / DISTANCE) ** 2  # of the area within that distance
+    assert shares.max() <= 1
+    assert np.quantile(shares, (0.1, 0.5, 0.9)) == pytest.approx((0.1, 0.5, 0.9), abs=0.04)
+    directions = np.arctan2(offsets[:, 1], offsets[:, 0]) % (2 * math.pi)
+    middle = np.quantile(np.degrees(directions), (0.0, 0.5, 1.0))
+    assert middle == pytest.approx((60.0, 157.5, 255.0), abs=5.0)
+    assert np.array_equal(draw_within(np.random.default_rng(0), DISTANCE), offsets[0])
+    assert np.array_equal(draw_within(rng, 0.0), np.zeros(2))
+
+
+@pytest.mark.parametrize("radius", [-0.01, 0.17, math.nan])
+def test_a_radius_beyond_the_arms_reach_is_refused(radius):
+    with pytest.raises(ValueError, match=r"expected radius within 0 and 0\.16 m, got"):
+        draw_within(np.random.default_rng(0), radius)
+
+
+@pytest.mark.parametrize("offset", [(0.2, 0.0), (0.12, 0.07), "left"])
+def test_a_refusal_says_where_glasses_can_stand(offset):
+    """Beyond reach or off the table, in its middle, and no offset at all."""
+    free = r"60 to 255 degrees counterclockwise from forwards, up to 0\.16 m away"
+    with pytest.raises(ValueError, match=free):
+        checked_offset(offset)
 
 
 def test_the_longest_offset_stays_on_the_table():

@@ -164,6 +164,7 @@ def test_grip_and_hand_are_those_of_the_kinematics(noiseless):
     for _ in range(30):
         pose = body.pose(info["imitator_angles"])
         assert np.abs(info["imitator_grip"] - pose.grip).max() < 1e-6
+        assert info["imitator_hand"].shape == (3, 3)
         assert np.abs(info["imitator_hand"] - pose.hand).max() < 1e-6
         info = noiseless.step_to(rng.uniform(*body.joint_range.T))[-1]
     assert np.linalg.norm(info["imitator_grip"] - info["demonstrator_wrist"]) > 0.1

@@ -876,7 +876,9 @@ def test_processors_change_nothing_but_names_and_shapes(dataset: Demonstrations,
     assert set(config.normalization_mapping.values()) == {NormalizationMode.IDENTITY}
 
 
-@pytest.mark.parametrize("task", ["Drink-v0", "Toast-v0", "Move-v0", "FollowWalls-v0"])
+@pytest.mark.parametrize(
+    "task", ["Drink-v0", "Toast-v0", "Move-v0", "DrinkAlone-v0", "FollowWalls-v0"]
+)
 def test_environments_are_what_their_config_says(task: str):
     pytest.importorskip("dm_control")
     config = PACNetEnv(task=task)

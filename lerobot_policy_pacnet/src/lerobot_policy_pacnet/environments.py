@@ -27,16 +27,17 @@ _POSTURES = {"agent_pos": 22, "environment_state": 6, ACTION: 11}
 _WHEELS = {"agent_pos": 6, ACTION: 2}
 
 
-def _imitate(behaviour: str) -> Task:
-    scene = "lerobot_policy_pacnet.scenes:PosturalScene"
-    return Task(scene, {"behaviour": behaviour}, 50, 750, _POSTURES)
+def _postural(behaviour: str, scene: str = "scenes:PosturalScene") -> Task:
+    entry_point = f"lerobot_policy_pacnet.{scene}"
+    return Task(entry_point, {"behaviour": behaviour}, 50, 750, _POSTURES)
 
 
 # Registered with gymnasium as gym_pacnet/NAME.
 TASKS = {
-    "Drink-v0": _imitate("drink"),
-    "Toast-v0": _imitate("toast"),
-    "Move-v0": _imitate("move"),
+    "Drink-v0": _postural("drink"),
+    "Toast-v0": _postural("toast"),
+    "Move-v0": _postural("move"),
+    "DrinkAlone-v0": _postural("drink", "alone:AloneScene"),
     "FollowWalls-v0": Task(
         "lerobot_policy_pacnet.scenes:WallScene", {"episode_steps": 500}, 10, 500, _WHEELS
     ),
@@ -58,7 +59,9 @@ class PACNetEnv(EnvConfig):
     """Settings of an environment.
 
     Attributes:
-        task: "Drink-v0", "Toast-v0" or "Move-v0", to imitate a demonstrator, or "FollowWalls-v0".
+        task: "Drink-v0", "Toast-v0" or "Move-v0", to imitate a demonstrator; "DrinkAlone-v0", to
+            drink without one, from a glass up to 15 cm from where it usually stands; or
+            "FollowWalls-v0".
         fps: frames per second [1/s]; set by the task.
         noise_scale: factor on the perceptual noise.
         picture_every: steps between two rendered pictures of a video, because rendering is slow.

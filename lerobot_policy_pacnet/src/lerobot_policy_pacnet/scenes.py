@@ -99,6 +99,8 @@ class PosturalScene(Scene):
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012  gymnasium's type
+    # Entries of an observation, and what they are in the scene.
+    perceived = {"agent_pos": "demonstrator", "environment_state": "glass"}  # noqa: RUF012
 
     def __init__(
         self,
@@ -113,9 +115,7 @@ class PosturalScene(Scene):
         super().__init__(scene, behaviour, TASKS[behaviour], picture_every)
         seen = scene.observation_space
         angles = _module("envs.kinematics").BodyKinematics().joint_range.astype(np.float32)
-        self.observation_space = Dict(
-            {"agent_pos": seen["demonstrator"], "environment_state": seen["glass"]}
-        )
+        self.observation_space = Dict({name: seen[key] for name, key in self.perceived.items()})
         self.action_space = Box(angles[:, 0], angles[:, 1], dtype=np.float32)
 
     def reset(
@@ -125,13 +125,16 @@ class PosturalScene(Scene):
         options: dict[str, Any] | None = None,  # noqa: ARG002  these are LeRobot's, not the scene's
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin an episode; the seed determines it."""
-        return _named(self._begin(seed=seed)), {"is_success": False}
+        return self._named(self._begin(seed=seed)), {"is_success": False}
 
     def step(self, action: np.ndarray) -> _Step:
         """Run one control step of 20 ms towards joint angles (11,) [rad]."""
         observation, reward, terminated, truncated, info = self.scene.step_to(action)
         success = bool(truncated and info["is_success"])
-        return _named(observation), reward, terminated, truncated, {"is_success": success}
+        return self._named(observation), reward, terminated, truncated, {"is_success": success}
+
+    def _named(self, observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {name: observation[key] for name, key in self.perceived.items()}
 
 
 class WallScene(Scene):
@@ -186,13 +189,6 @@ class WallScene(Scene):
         truncated = len(self._energies) >= self._episode_steps
         success = truncated and float(np.mean(self._energies)) >= ENERGY
         return {"agent_pos": readings}, energy, terminated, truncated, {"is_success": success}
-
-
-def _named(observation: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    return {
-        "agent_pos": observation["demonstrator"],
-        "environment_state": observation["glass"],
-    }
 
 
 def _follow(side: str) -> str:

@@ -1,0 +1,88 @@
+"""A recall episode of a robot whose body says where its hand is: postures, and what it holds."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pacnet.forward_models.kinematic_arrays import KinematicArrays, ReachWork
+from pacnet.schemas.body import BodyConfig
+from pacnet.schemas.segments import NO_SEGMENT
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+# In shares of the scene's size for each rad: what a place may be off for the sake of a turn, and
+# for the sake of the posture shown.
+_HAND_TURN, _HELD_TURN, _POSTURE = 0.02, 0.06, 0.02
+_STEPS = 4  # of damped least squares, from the posture found last
+
+
+class Body(NamedTuple):
+    """What following with a body depends on."""
+
+    kinematics: KinematicArrays
+    commands: Numbers
+    """Dimensions of the action that are targets of the angles, `[J]`."""
+    moves: NDArray[np.bool_]
+    """Whether each angle moves the hand, `[J]`."""
+    free: tuple[float, float, int]
+    """Weights of `reach` for the hand itself."""
+    carrying: tuple[float, float, int]
+    """Weights of `reach` for what it carries."""
+    work: ReachWork
+
+
+class Hold(NamedTuple):
+    """The postures of a recall episode, and how the hand holds what it carries."""
+
+    segment: Numbers  # [1], of the last step
+    posture: Array  # [J] [rad], the one commanded last
+    shown: Array  # [J] [rad], the one to stay near to
+    ahead: Array  # [J] [rad], at the end of the segment
+    off: Array  # [4], by how much the posture is off: along three axes, and turned [rad]
+    miss: Array  # [4], by how much the one at the end of the way to a landmark would be
+    moved: Numbers  # [1], what is carried, 0 for nothing
+    frames: Numbers  # [1], since it was taken
+    place: Array  # [3], of what is carried in the hand, the mean
+    turns: Array  # [4], the sum of its quaternions relative to the hand
+
+
+def body_of(config: BodyConfig, kinematics: KinematicArrays, extent: float) -> Body:
+    """Return what following depends on.
+
+    Args:
+        config: of the body.
+        kinematics: what its model has learned.
+        extent: size of the scene.
+    """
+    from pacnet.forward_models.kinematic_kernels import make_work  # imports numba
+
+    moves = np.zeros(len(config.commands), bool)
+    moves[kinematics.moving] = True
+    return Body(
+        kinematics,
+        np.array(config.commands, np.int64),
+        moves,
+        (_HAND_TURN * extent, _POSTURE * extent, _STEPS),
+        (_HELD_TURN * extent, _POSTURE * extent, _STEPS),
+        make_work(kinematics),
+    )
+
+
+def new_hold(joints: int) -> Hold:
+    """Return the state of an episode that has not begun, for J joints."""
+    return Hold(
+        segment=np.full(1, NO_SEGMENT),
+        posture=np.zeros(joints),
+        shown=np.zeros(joints),
+        ahead=np.zeros(joints),
+        off=np.zeros(4),
+        miss=np.zeros(4),
+        moved=np.zeros(1, np.int64),
+        frames=np.zeros(1, np.int64),
+        place=np.zeros(3),
+        turns=np.zeros(4),
+    )

@@ -1,0 +1,147 @@
+"""Kernels that follow motor schemas with a body: postures that take a hand where it is to be.
+
+What is to be at a place is the hand, or what it carries: the hold is measured while it is carried.
+The posture is the one nearest to the one that was shown.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from pacnet.competition.framed_kernels import UNTURNED, advance, axes_of, left_of, vector
+from pacnet.forward_models.kinematic_kernels import pose_at, reach
+from pacnet.kernels.caching import cached_njit
+from pacnet.kernels.turns import (
+    from_vector,
+    inverse,
+    minus,
+    multiply,
+    plus,
+    rotate,
+    turn_of,
+    vector_of,
+)
+from pacnet.schemas.scene import WORLD
+from pacnet.schemas.segments import NO_SEGMENT
+
+NOWHERE = (0.0, 0.0, 0.0)
+
+
+@cached_njit(nogil=True)
+def follow_with_body(
+    places, turns, others, segments, allowed, state, settings, body, hold, action
+):  # fmt: skip
+    """Follow a motor schema for one more percept, and write the action.
+
+    Args:
+        places: of all points, `[P, 3]`.
+        turns: `[P, 4]`.
+        others: `[Q]`.
+        segments: `Segments`.
+        allowed: whether each segment may be followed, bool `[S]`.
+        state: `FramedState`, which changes; without a segment afterwards if there is none.
+        settings: `FramedSettings`.
+        body: `Body`.
+        hold: `Hold`, which changes.
+        action: where to write, `[U]`.
+    """
+    advance(places, turns, others, segments, allowed, state, settings)
+    hold.miss[:] = 0.0
+    segment, row = state.segment[0], state.row[0]
+    if segment == NO_SEGMENT:
+        return
+    last = segments.end[segment] - 1
+    is_first = hold.segment[0] == NO_SEGMENT
+    if hold.segment[0] != segment:
+        _show(last, segments, body, hold.ahead)
+    hold.segment[0] = segment
+    _grasp(segments, state, hold)
+    if segments.landmark[segment] != WORLD:
+        _show(last, segments, body, hold.shown)
+        _reach(last, 0.0, segments, state, body, hold, hold.ahead, hold.miss)
+    _show(row, segments, body, hold.shown)
+    for j in range(len(body.commands)):
+        if is_first or not body.moves[j]:
+            hold.posture[j] = hold.shown[j]
+    left = left_of(segments.share[row], state.begun[0])
+    _reach(row, left, segments, state, body, hold, hold.posture, hold.off)
+    action[:] = segments.action[row]
+    for j in range(len(body.commands)):
+        action[body.commands[j]] = hold.posture[j]
+
+
+@njit
+def _show(row, segments, body, posture):
+    """Write the posture that was commanded in a row."""
+    for j in range(len(body.commands)):
+        posture[j] = segments.action[row, body.commands[j]]
+
+
+@njit
+def _grasp(segments, state, hold):
+    """Take the mean of how the hand holds what it carries, since it took it."""
+    moved = segments.moved[state.segment[0]]
+    if moved != hold.moved[0]:
+        hold.moved[0], hold.frames[0] = moved, 0
+        hold.place[:] = 0.0
+        hold.turns[:] = 0.0
+    if moved == 0:
+        return
+    hold.frames[0] += 1
+    back = inverse(turn_of(state.turns, 0))
+    place = rotate(back, minus(vector_of(state.places, moved), vector_of(state.places, 0)))
+    turn = multiply(back, turn_of(state.turns, moved))
+    alike = 0.0
+    for k in range(4):
+        alike += hold.turns[k] * turn[k]
+    for k in range(3):
+        hold.place[k] += (place[k] - hold.place[k]) / hold.frames[0]
+    for k in range(4):
+        hold.turns[k] += turn[k] if alike >= 0 else -turn[k]
+
+
+@njit
+def _held(hold):
+    """Return the mean turn of what is carried, relative to the hand."""
+    w, x, y, z = hold.turns[0], hold.turns[1], hold.turns[2], hold.turns[3]
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / size, x / size, y / size, z / size
+
+
+@njit
+def _reach(row, left, segments, state, body, hold, posture, off):
+    """Write the posture for a row of the present segment, and by how much it is off.
+
+    Args:
+        row: of the segment.
+        left: share that is left of the offset at its beginning.
+        segments: `Segments`.
+        state: `FramedState`.
+        body: `Body`.
+        hold: `Hold`; its posture shown is the one to stay near to.
+        posture: where to begin, and to write, `[J]`.
+        off: where to write by how much it is off, `[4]`.
+    """
+    segment = state.segment[0]
+    landmark = segments.landmark[segment]
+    axes = axes_of(landmark, state)
+    origin = NOWHERE if landmark == WORLD else vector_of(state.places, landmark + 1)
+    seen = plus(vector_of(segments.goal, row), vector(state.offset), left)
+    place = plus(origin, rotate(axes, seen), 1.0)
+    turned_by = vector(state.offset_turn)
+    faded = from_vector((left * turned_by[0], left * turned_by[1], left * turned_by[2]))
+    turn = multiply(axes, multiply(faded, turn_of(segments.goal_turn, row)))
+    held, held_turn, axis, weights = NOWHERE, UNTURNED, False, body.free
+    if hold.moved[0] != 0:
+        held, held_turn = vector(hold.place), _held(hold)
+        axis, weights = segments.about_axis[segment], body.carrying
+    _, turned = reach(
+        body.kinematics, posture, hold.shown, held, held_turn, place, turn, axis, weights, body.work
+    )  # fmt: skip
+    hand, hand_turn = pose_at(body.kinematics, posture)
+    short = minus(place, plus(hand, rotate(hand_turn, held), 1.0))
+    for k in range(3):
+        off[k] = short[k]
+    off[3] = turned

@@ -1,0 +1,182 @@
+"""Chooses settings of frames of reference for a robot whose body says where its hand is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pacnet.attention.cutting import Size, carried, measure, was_put_back
+from pacnet.datasets.demonstrations import Demonstrations, dimension_names
+from pacnet.forward_models.kinematics import KinematicModel
+from pacnet.imitator.frames import others_of
+from pacnet.imitator.point_checks import check_points
+from pacnet.imitator.point_names import find_landmarks
+from pacnet.imitator.points import PointsChoice, parse_landmarks
+from pacnet.schemas.body import BodyConfig
+from pacnet.schemas.frames import FramesConfig
+from pacnet.schemas.points import Point, Points
+from pacnet.schemas.scene import scene_of
+from pacnet.schemas.smoothing import choose_smoothing, smooth
+
+Array = NDArray[np.float64]
+
+HAND = "hand"
+_ANGLES = ("pos", "position", "angle", "q")  # ends of the names of angles
+_IMPLIED = "observation.implied"  # feature of what a percept implies
+_STILL = (1.0, 1.0)  # smoothing of a place that is remembered: it is a mean
+
+
+def choose_body_frames(
+    body: KinematicModel,
+    choice: PointsChoice,
+    demonstrations: Demonstrations,
+    scale: Sequence[float],
+) -> FramesConfig:
+    """Return settings for landmarks that are perceived, and a hand that the body tells of.
+
+    Args:
+        body: of the robot.
+        choice: the landmarks, without the hand; see `pacnet.imitator.points`.
+        demonstrations: continuous ones.
+        scale: factor on each dimension of a percept, `[D]`.
+
+    Raises:
+        ValueError: no landmark; percepts or actions without an angle of each joint; angles that the
+            body can't have; or landmarks that do not hold.
+    """
+    config = body_config(body, demonstrations)
+    names, features = demonstrations.percept_features, demonstrations.state_features
+    landmarks = _landmarks(choice, demonstrations)
+    first = len(dimension_names(names))
+    hand = Point(HAND, tuple(range(first, first + 3)), tuple(range(first + 3, first + 7)))
+    points = Points(hand, landmarks)
+    extended = _with_hands(body, config, demonstrations)
+    check_points(points, extended)
+    seen = [scene_of(one.percepts.numpy(), points) for one in extended]
+    smoothing = choose_smoothing([scene.places for scene in seen])
+    places = [smooth(scene.places, smoothing) for scene in seen]
+    size = measure([place[:, 0] for place in places], demonstrations.fps)
+    back = _put_back(places, size, demonstrations.fps)
+    own = _own_dimensions(config, names, features)
+    others, ranges = others_of(demonstrations, {*points.used, *own}, scale)
+    return FramesConfig(
+        _with_former_places(points, back, first + 7),
+        size,
+        (*smoothing, *[_STILL] * len(back)),
+        others,
+        ranges,
+        None,
+        config,
+        back,
+    )
+
+
+def body_config(body: KinematicModel, demonstrations: Demonstrations) -> BodyConfig:
+    """Return which dimensions of percepts and actions are the angles of a body, by their names."""
+    joints = body.config.joints
+    percepts = dimension_names(demonstrations.percept_features)
+    config = BodyConfig(
+        body.config,
+        _numbers(joints, percepts, "percepts"),
+        _numbers(joints, demonstrations.action_names, "actions"),
+    )
+    lowest, highest = body.lowest.numpy(), body.highest.numpy()
+    reach = highest - lowest  # noise may exceed a range, degrees do so by far
+    for shown in demonstrations:
+        angles = shown.percepts[:, list(config.angles)].double().numpy()
+        away = np.maximum(lowest - angles, angles - highest).max(axis=0) > reach
+        if away.any():
+            joint = int(away.argmax())
+            raise ValueError(
+                f"episode {shown.episode}: expected the angle {joints[joint]!r} of the body within "
+                f"{lowest[joint]:.2f} to {highest[joint]:.2f} rad, got "
+                f"{angles[:, joint].min():.2f} to {angles[:, joint].max():.2f}"
+            )
+    return config
+
+
+def _numbers(joints: Sequence[str], names: Sequence[str], where: str) -> tuple[int, ...]:
+    """Return the dimension that is the angle of each joint: NAME, or NAME.pos."""
+    found = []
+    for joint in joints:
+        called = [joint, *(f"{joint}.{end}" for end in _ANGLES)]
+        own = [number for number, name in enumerate(names) if name in called]
+        if len(own) != 1:
+            raise ValueError(
+                f"expected {where} with an angle of each of the {len(joints)} joints of the body, "
+                f"called NAME or NAME.pos: {', '.join(joints)}; got none of {joint!r} among "
+                f"{', '.join(names)}"
+            )
+        found += own
+    return tuple(found)
+
+
+def _landmarks(choice: PointsChoice, demonstrations: Demonstrations) -> tuple[Point, ...]:
+    """Return the points that are perceived."""
+    features = demonstrations.percept_features
+    if isinstance(choice, Points):
+        raise ValueError("expected landmarks as texts with a body, got Points")
+    if choice is None or choice == "auto":
+        landmarks = find_landmarks(features)
+        if choice is None or not landmarks:
+            raise ValueError(
+                "expected a landmark beside the body's hand, such as "
+                "glass=observation.environment_state[0:3], got none"
+            )
+        return landmarks
+    return parse_landmarks(choice, features)
+
+
+def _with_hands(
+    body: KinematicModel, config: BodyConfig, demonstrations: Demonstrations
+) -> Demonstrations:
+    """Return demonstrations whose percepts end with where the hand is, place and turn."""
+    episodes = []
+    for shown in demonstrations:
+        place, turn = body(shown.percepts[:, list(config.angles)].double())
+        implied = torch.cat([place, turn], dim=1).float()
+        encoded = implied if shown.encoded is None else torch.cat([shown.encoded, implied], dim=1)
+        episodes.append(replace(shown, encoded=encoded))
+    names = {**demonstrations.names, _IMPLIED: tuple("0123456")}
+    return replace(demonstrations, names=names, episodes=tuple(episodes))
+
+
+def _put_back(places: Sequence[Array], size: Size, fps: float) -> tuple[int, ...]:
+    """Return the landmarks that are carried away and back in most of the demonstrations."""
+    counts = np.zeros(places[0].shape[1] - 1, np.int64)
+    for episode in places:
+        moves = carried(episode, size, fps)
+        for number in range(len(counts)):
+            stood = episode[:, 1 + number]
+            apart = np.linalg.norm(stood - stood[0], axis=1)
+            counts[number] += was_put_back(apart, moves[:, number], size)
+    return tuple(np.flatnonzero(2 * counts > len(places)).tolist())
+
+
+def _with_former_places(points: Points, back: Sequence[int], first: int) -> Points:
+    """Return points with where the landmarks stood that are put back."""
+    former = []
+    for number in back:
+        landmark = points.landmarks[number]
+        place = tuple(range(first, first + len(landmark.place)))
+        former.append(Point(f"{landmark.name}'s place", place))
+        first += len(place)
+    return replace(points, landmarks=(*points.landmarks, *former))
+
+
+def _own_dimensions(
+    config: BodyConfig, names: dict[str, tuple[str, ...]], state: Sequence[str]
+) -> set[int]:
+    """Return the dimensions of a percept that tell of the body's joints: angles, velocities."""
+    joints, own = config.model.joints, {*config.angles}
+    first = 0
+    for feature, parts in names.items():
+        for number, name in enumerate(parts, start=first):
+            if feature in state and any(name.startswith(f"{joint}.") for joint in joints):
+                own.add(number)
+        first += len(parts)
+    return own
