@@ -61,9 +61,9 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     record(folder / "dataset", seed, arguments.postures)
     babble = load(folder / "dataset")
 
-    begin = time.perf_counter()
+    begin = time.process_time()
     model, fit = KinematicModel.fitted(JOINTS, *babble)
-    fit_s = time.perf_counter() - begin
+    fit_s = time.process_time() - begin
     model.save_pretrained(folder / "checkpoint")
 
     model = KinematicModel.from_pretrained(folder / "checkpoint")

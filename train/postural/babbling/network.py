@@ -13,7 +13,7 @@ from pacnet.forward_models.kinematic_arrays import HandPose
 from pacnet.forward_models.turn_matrices import matrices_of, nearest_turns
 from train.postural.babbling.recording import Babble
 
-STEPS, BATCH, RATE = 12_000, 256, 1e-2  # of Adam; the rate falls to 0 as a cosine does
+STEPS, BATCH, RATE = 5000, 256, 1e-2  # of Adam; the rate falls to 0 as a cosine does
 
 
 class PoseNetwork(NamedTuple):
