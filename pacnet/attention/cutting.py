@@ -142,10 +142,14 @@ def _gone_to(distances: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[
 
 
 def _left_for_good(distances: Array, calm: NDArray[np.bool_], size: Size) -> NDArray[np.bool_]:
-    """Return whether the moved point was last at each landmark, and ends elsewhere, `[T, M]`."""
+    """Return whether the moved point was last at each landmark, and ends elsewhere, `[T, M]`.
+
+    One at which it begins it has not come to, so it is still a landmark on the way from there.
+    """
     farthest = np.maximum.accumulate(distances, axis=0)
     near = np.minimum(_NEAR * size.extent, np.maximum(_SHARE * farthest, _CLOSE * size.extent))
-    there = (distances <= near) & calm[:, None]
+    came = (farthest > _CLOSE * size.extent) & (distances <= _APPROACHED * farthest)
+    there = came & (distances <= near) & calm[:, None]
     later = np.logical_or.accumulate(there[::-1], axis=0)[::-1]
     return ~later & there.any(axis=0)
 
