@@ -72,14 +72,28 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
     moves &= apart < _APART * np.linalg.norm(ways[:, 1:], axis=2)
     held = _until_left(moves, places[:, 1:] - places[:, :1], _LEFT * size.extent)
     for number in range(held.shape[1]):
-        for first, end in runs(held[:, number].astype(np.int64)):
-            place = places[first:end, 1 + number]
-            gone = np.linalg.norm(place - np.median(place, axis=0), axis=1)
-            if np.quantile(gone, _MOSTLY) <= _GONE * size.extent:
-                held[first:end, number] = False
-            else:
-                held[_begun(places[:first, 1 + number], size) : first, number] = True
+        _from_where_it_stood(held[:, number], moves[:, number], places[:, 1 + number], size)
     return held
+
+
+def _from_where_it_stood(
+    held: NDArray[np.bool_], moves: NDArray[np.bool_], place: Array, size: Size
+) -> None:
+    """Let each run in which a landmark is held, bool `[T]`, begin where it left its place `[T, 3]`.
+
+    One that gets nowhere is left out: only the frames in which it moves tell how far it gets.
+    """
+    rested = 0  # since when, where it stands
+    for first, end in runs(held.astype(np.int64)):
+        if not held[first]:
+            continue
+        way = place[first:end][moves[first:end]]
+        gone = np.linalg.norm(way - np.median(way, axis=0), axis=1)
+        if np.quantile(gone, _MOSTLY) <= _GONE * size.extent:
+            held[first:end] = False
+        else:
+            held[rested + _begun(place[rested:first], size) : first] = True
+            rested = end
 
 
 def _begun(place: Array, size: Size) -> int:
