@@ -75,11 +75,11 @@ def test_what_the_hand_is_near_at_first_stands_where_it_is():
 
 def test_the_units_of_places_change_nothing():
     size = Size(1000 * EXTENT, 10.0)
-    from_metres = stood(rows([0.0, 0.1, 0.3, 0.9], [0.5, 0.52, 0.51, 0.9]))
+    from_metres = stood(rows([0.0, 0.1, 0.3, 0.9], [0.5, 0.52, 0.47, 0.9]))
     in_millimetres = FramesConfig(
         SEEN.points, size, SEEN.smoothing, (), (), SEEN.forward_model, put_back=SEEN.put_back
     )
-    percepts = 1000 * rows([0.0, 0.1, 0.3, 0.9], [0.5, 0.52, 0.51, 0.9])
+    percepts = 1000 * rows([0.0, 0.1, 0.3, 0.9], [0.5, 0.52, 0.47, 0.9])
     extended = PerceptExtension(in_millimetres, None).episode(percepts)
     np.testing.assert_allclose(extended[:, 12], 1000 * np.array(from_metres), rtol=1e-6)
 
