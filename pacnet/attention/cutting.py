@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 _MOVES = 0.2  # share of the moved point's usual speed from which a landmark moves
 _APART = 1.0  # share of its way by which a carried landmark's way may differ from the moved point's
 _GONE = 0.02  # share of the scene's size by which what is carried gets away from its middle
-_BEGUN = 0.01  # the same for where it was, from which it has begun to move
 _MOSTLY = 0.9  # share of the frames that may be nearer: noise is farther in single ones
 _LEFT = 0.05  # share of the scene's size by which what was carried must be left behind
 _WINDOW = 0.05  # [s] before and after a moment in which speed is measured
@@ -72,36 +71,12 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
     moves &= apart < _APART * np.linalg.norm(ways[:, 1:], axis=2)
     held = _until_left(moves, places[:, 1:] - places[:, :1], _LEFT * size.extent)
     for number in range(held.shape[1]):
-        _from_where_it_stood(held[:, number], moves[:, number], places[:, 1 + number], size)
+        for first, end in runs(held[:, number].astype(np.int64)):
+            way = places[first:end, 1 + number][moves[first:end, number]]  # it may rest for long
+            if len(way):
+                gone = np.linalg.norm(way - np.median(way, axis=0), axis=1)
+                held[first:end, number] = np.quantile(gone, _MOSTLY) > _GONE * size.extent
     return held
-
-
-def _from_where_it_stood(
-    held: NDArray[np.bool_], moves: NDArray[np.bool_], place: Array, size: Size
-) -> None:
-    """Let each run in which a landmark is held, bool `[T]`, begin where it left its place `[T, 3]`.
-
-    One that gets nowhere is left out: only the frames in which it moves tell how far it gets.
-    """
-    rested = 0  # since when, where it stands
-    for first, end in runs(held.astype(np.int64)):
-        if not held[first]:
-            continue
-        way = place[first:end][moves[first:end]]
-        gone = np.linalg.norm(way - np.median(way, axis=0), axis=1)
-        if np.quantile(gone, _MOSTLY) <= _GONE * size.extent:
-            held[first:end] = False
-        else:
-            held[rested + _begun(place[rested:first], size) : first] = True
-            rested = end
-
-
-def _begun(place: Array, size: Size) -> int:
-    """Return when a landmark left where it mostly was, of its places until it moved, `[T, 3]`."""
-    if len(place) == 0:
-        return 0
-    gone = np.linalg.norm(place - np.median(place, axis=0), axis=1) > _BEGUN * size.extent
-    return len(place) - int(np.append(~gone[::-1], True).argmax())
 
 
 def _until_left(moves: NDArray[np.bool_], hold: Array, least: float) -> NDArray[np.bool_]:

@@ -129,20 +129,6 @@ def test_noise_alone_carries_nothing(fps: float, seed: int):
     assert moving(smooth(places, choose_smoothing([places])), fps) == []
 
 
-@pytest.mark.parametrize("fps", [20.0, 80.0, 200.0])
-def test_what_lifts_slowly_is_carried_from_where_it_left(fps: float):
-    """By 4 cm within 1.5 s, with minimum jerk; it left with the first 1 % of the scene's size."""
-    lifted, slow = tuple(np.add(GRIP, (0.0, 0.0, 0.04))), 1.5
-    places = scene([HOME, GRIP, GRIP, lifted, BESIDE], [1, 0.25, slow, 1], [(2, 4)], fps)
-    share = np.linspace(0, 1, 10_001)
-    gone = 0.04 * (10 * share**3 - 15 * share**4 + 6 * share**5)
-    extent = measure([places[:, 0]], fps).extent
-    left = 1.25 + slow * share[(gone > 0.01 * extent).argmax()]
-    ((first, end),) = moving(places, fps)
-    assert first == pytest.approx(left, abs=0.03 + 1 / fps)
-    assert end == pytest.approx(len(places) / fps)
-
-
 def test_what_is_held_at_rest_for_long_is_carried_all_the_same():
     """Moved within a second, and then held for 20."""
     places = scene([HOME, GRIP, GRIP, MOUTH, MOUTH], [1, 0.25, 1, 20], [(2, 4)], 20)
