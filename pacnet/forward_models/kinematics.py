@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet.core.integrity import check_conditions, check_structure
-from pacnet.core.validation import describe
+from pacnet.core.validation import MAX_VALUE, describe
 from pacnet.forward_models.config import KinematicModelConfig
 from pacnet.forward_models.kinematic_arrays import (
     HandPose,
@@ -219,6 +219,9 @@ class KinematicModel(SavedModel):
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         check_structure(self, tensors)
-        finite = {f"a finite {name}": one.isfinite().all() for name, one in tensors.items()}
+        finite = {
+            f"{name} within ±{MAX_VALUE:g}, finite": (one.abs() <= MAX_VALUE).all()
+            for name, one in tensors.items()
+        }
         order = {"lowest ≤ highest": (tensors["lowest"] <= tensors["highest"]).all()}
         check_conditions(finite | order)

@@ -126,9 +126,10 @@ class ImitatorConfig:
         if not isinstance(frames, FramesConfig):
             return False
         dimensions, model, body = self.attention.dimensions, frames.forward_model, frames.body
-        seen = (*frames.others, *(() if body is None else body.angles))
-        within = max(seen, default=0) < dimensions
-        within &= max(frames.points.used) < dimensions + len(frames.added)
+        perceived, implied = frames.parted
+        seen = (*frames.others, *perceived, *(() if body is None else body.angles))
+        within = max(seen) < dimensions
+        within &= implied == tuple(range(dimensions, dimensions + len(frames.added)))
         actions = len(self.action)
         moved = model is None or model.action_dimensions == actions
         commanded = body is None or max(body.commands) < actions

@@ -82,6 +82,16 @@ class FramesConfig:
         return landmarks[: len(landmarks) - len(self.put_back)]
 
     @property
+    def parted(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Dimensions of points that are perceived, and of those that a percept implies."""
+        points, seen = self.points, len(self.perceived)
+        former = points.landmarks[seen:]
+        perceived, implied = [*self.perceived], [*former]
+        (perceived if self.body is None else implied).insert(0, points.moved)
+        one, other = ([n for point in part for n in point.used] for part in (perceived, implied))
+        return tuple(one), tuple(other)
+
+    @property
     def added(self) -> tuple[str, ...]:
         """Names of what is appended to a percept; see `pacnet.schemas.percept_extension`."""
         hand, back = self.points.moved.name, len(self.put_back)

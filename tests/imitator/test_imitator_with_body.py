@@ -137,6 +137,10 @@ def _infinite(tensors: dict[str, Tensor]) -> None:
     tensors[f"{BODY}coefficients"][0, 0] = math.inf
 
 
+def _huge(tensors: dict[str, Tensor]) -> None:
+    tensors[f"{BODY}coefficients"][0, 0] = 1e200  # its square is not finite
+
+
 def _short(tensors: dict[str, Tensor]) -> None:
     tensors[f"{BODY}coefficients"] = tensors[f"{BODY}coefficients"][:-1]
 
@@ -163,7 +167,7 @@ def _integers(tensors: dict[str, Tensor]) -> None:
     tensors[f"{BODY}coefficients"] = tensors[f"{BODY}coefficients"].long()
 
 
-DAMAGES = (_infinite, _short, _missing, _all_missing, _extra, _crossed, _integers)
+DAMAGES = (_infinite, _huge, _short, _missing, _all_missing, _extra, _crossed, _integers)
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
@@ -210,6 +214,28 @@ def test_a_config_of_another_body_is_refused(change: dict, lifter: Imitator, tmp
     lifter.save_pretrained(tmp_path)
     fields, tensors = read_checkpoint(tmp_path)
     fields["frames"]["body"] |= change
+    write_checkpoint(tmp_path, fields, tensors)
+    with pytest.raises(ValueError, match="expected"):
+        Imitator.from_pretrained(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("point", "change"),
+    [
+        (0, {"place": [0, 1, 2]}),  # the hand is where the body says
+        (0, {"orientation": []}),
+        (2, {"orientation": [0, 1, 2]}),  # where the cup stood has no orientation
+        (2, {"place": [19, 18, 17]}),
+        (1, {"place": [4, 5, 20]}),  # not perceived
+    ],
+)
+def test_a_config_of_points_that_a_percept_does_not_imply_is_refused(
+    point: int, change: dict, lifter: Imitator, tmp_path: Path
+):
+    lifter.save_pretrained(tmp_path)
+    fields, tensors = read_checkpoint(tmp_path)
+    points = fields["frames"]["points"]
+    [points["moved"], *points["landmarks"]][point].update(change)
     write_checkpoint(tmp_path, fields, tensors)
     with pytest.raises(ValueError, match="expected"):
         Imitator.from_pretrained(tmp_path)
