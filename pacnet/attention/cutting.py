@@ -89,6 +89,23 @@ def _until_left(moves: NDArray[np.bool_], hold: Array, least: float) -> NDArray[
     return held
 
 
+def across_gaps(moves: NDArray[np.bool_], gaps: Sequence[int], fps: float) -> NDArray[np.bool_]:
+    """Return what is carried, also about gaps, if it is before and after: there no speed is known.
+
+    Args:
+        moves: whether each landmark is carried, `[T, M]`.
+        gaps: the first frame after each.
+        fps: frames per second [1/s].
+    """
+    moves, about = moves.copy(), 2 * max(1, round(_WINDOW * fps))
+    for gap in gaps:
+        before, after = slice(max(0, gap - about), gap), slice(gap, gap + about)
+        both = moves[before].any(axis=0) & moves[after].any(axis=0)
+        moves[before] |= both
+        moves[after] |= both
+    return moves
+
+
 def cut(places: Array, size: Size, fps: float, put_back: Sequence[int] = ()) -> NDArray[np.int64]:
     """Return the landmark that the moved point is on its way to, `[T]`, −1 for none.
 

@@ -67,11 +67,7 @@ def moved_deviation(imitator: Imitator, step: ImitatorStep) -> dict[str, Any]:
     turn = multiply(now.axes, conjugate(then.axes))
     apart = now.place - (now.origin + rotate(turn, then.place - then.origin))
     most = int(np.abs(apart[: points.dimensions]).argmax())
-    names = (
-        *imitator.percept_names,
-        *(() if imitator.frames is None else imitator.frames.config.added),
-    )
-    name = names[points.moved.place[most]]
+    name = imitator.config.point_dimensions[points.moved.place[most]]
     return {"dimension": name, "deviation": float(apart[most])}
 
 

@@ -32,8 +32,6 @@ class Body(NamedTuple):
     """Weights of `reach` for the hand itself."""
     carrying: tuple[float, float, int]
     """Weights of `reach` for what it carries."""
-    oriented: NDArray[np.bool_]
-    """Whether each point's orientation is perceived, `[P]`; others turn as the hand does."""
     work: ReachWork
 
 
@@ -73,7 +71,6 @@ def body_of(config: FramesConfig, kinematics: KinematicArrays) -> Body:
         moves,
         (_HAND_TURN * extent, _POSTURE * extent, _STEPS),
         (_HELD_TURN * extent, _POSTURE * extent, _STEPS),
-        np.array([bool(point.orientation) for point in config.points]),
         make_work(kinematics),
     )
 

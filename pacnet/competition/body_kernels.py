@@ -59,7 +59,7 @@ def follow_with_body(
     anew = is_first or state.pauses[0]  # the posture that was found last may lead nowhere
     _locate(is_first, settings, state, hold)
     hold.segment[0] = segment
-    _grasp(segments, state, body, hold)
+    _grasp(segments, state, hold)
     if segments.landmark[segment] != WORLD:
         _look_ahead(is_new or anew, segments, state, body, hold)
     _show(row, segments, body, hold.shown)
@@ -121,9 +121,9 @@ def _show(row, segments, body, posture):
 
 
 @njit
-def _grasp(segments, state, body, hold):
+def _grasp(segments, state, hold):
     """Take the mean of how the hand holds what it carries, since it took it."""
-    moved = segments.moved[state.segment[0]]
+    moved, turned = segments.moved[state.segment[0]], segments.turned[state.segment[0]]
     if moved != hold.moved[0]:
         hold.moved[0], hold.frames[0] = moved, 0
         hold.place[:] = 0.0
@@ -133,7 +133,7 @@ def _grasp(segments, state, body, hold):
     hold.frames[0] += 1
     back = inverse(turn_of(state.turns, 0))
     place = rotate(back, minus(vector_of(state.places, moved), vector_of(state.places, 0)))
-    turn = multiply(back, turn_of(state.turns, moved)) if body.oriented[moved] else UNTURNED
+    turn = multiply(back, turn_of(state.turns, turned))
     alike = 0.0
     for k in range(4):
         alike += hold.turns[0, k] * turn[k]
@@ -170,7 +170,8 @@ def _reach(row, left, segments, state, body, hold, posture, off):
     held, held_turn, axis, weights = NOWHERE, UNTURNED, False, body.free
     if hold.moved[0] != 0:
         held, held_turn = vector(hold.place), _unit(hold.turns, 0)
-        axis, weights = segments.about_axis[segment], body.carrying
+        axis = segments.about_axis[segment]
+        weights = body.carrying if segments.turned[segment] != 0 else body.free
     _, turned = reach(
         body.kinematics, posture, hold.shown, held, held_turn, place, turn, axis, weights, body.work
     )  # fmt: skip

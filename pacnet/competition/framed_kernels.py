@@ -184,8 +184,8 @@ def _begin(segment, row, segments, state):
 @njit
 def _here(segment, segments, state):
     """Return where what is moved is, seen from the segment's landmark, and how it is turned."""
-    moved = segments.moved[segment]
-    place, turn = vector_of(state.places, moved), turn_of(state.turns, moved)
+    place = vector_of(state.places, segments.moved[segment])
+    turn = turn_of(state.turns, segments.turned[segment])
     mark = segments.landmark[segment] + 1
     if mark == WORLD + 1:
         return place, turn

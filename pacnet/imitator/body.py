@@ -7,23 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from pacnet.attention.cutting import Size, carried, measure, was_put_back
+from pacnet.attention.cutting import measure
 from pacnet.datasets.demonstrations import Demonstrations, dimension_names
 from pacnet.forward_models.config import KinematicModelConfig
 from pacnet.forward_models.kinematics import KinematicModel
-from pacnet.imitator.frames import others_of
+from pacnet.imitator.frames import moving, others_of
 from pacnet.imitator.point_checks import check_points
 from pacnet.imitator.point_names import find_landmarks
 from pacnet.imitator.points import PointsChoice, parse_landmarks, usable_points
+from pacnet.imitator.put_back import find_put_back
 from pacnet.schemas.body import BodyConfig
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.points import Point, Points
 from pacnet.schemas.scene import scene_of
 from pacnet.schemas.smoothing import choose_smoothing, smooth
 
-Array = NDArray[np.float64]
 Features = Mapping[str, tuple[str, ...]]
 
 HAND = "hand"
@@ -60,8 +59,8 @@ def choose_body_frames(
     seen = [scene_of(one.percepts.numpy(), points) for one in extended]
     smoothing = choose_smoothing([scene.places for scene in seen])
     places = [smooth(scene.places, smoothing) for scene in seen]
-    size = measure([place[:, 0] for place in places], demonstrations.fps)
-    back = _put_back(places, size, demonstrations.fps)
+    size = measure(moving([place[:, 0] for place in places]), demonstrations.fps)
+    back = find_put_back(places, demonstrations, size)
     own = _own_dimensions(config, names, features)
     others, ranges = others_of(demonstrations, {*points.used, *own}, scale)
     return FramesConfig(
@@ -184,18 +183,6 @@ def _with_hands(
         episodes.append(replace(shown, encoded=encoded))
     names = {**demonstrations.names, _IMPLIED: tuple("0123456")}
     return replace(demonstrations, names=names, episodes=tuple(episodes))
-
-
-def _put_back(places: Sequence[Array], size: Size, fps: float) -> tuple[int, ...]:
-    """Return the landmarks that are carried away and back in most of the demonstrations."""
-    counts = np.zeros(places[0].shape[1] - 1, np.int64)
-    for episode in places:
-        moves = carried(episode, size, fps)
-        for number in range(len(counts)):
-            stood = episode[:, 1 + number]
-            apart = np.linalg.norm(stood - stood[0], axis=1)
-            counts[number] += was_put_back(apart, moves[:, number], size)
-    return tuple(np.flatnonzero(2 * counts > len(places)).tolist())
 
 
 def _with_former_places(points: Points, back: Sequence[int], first: int) -> Points:

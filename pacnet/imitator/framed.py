@@ -21,18 +21,16 @@ from pacnet.forward_models.affine_fit import least_frames
 from pacnet.forward_models.kinematic_arrays import KinematicArrays
 from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.cuts import Approach
+from pacnet.imitator.framed_model import for_frames
 from pacnet.imitator.framed_novelty import Bounds, bounds_of, novelty_of
 from pacnet.imitator.frames import fit_to_poses
 from pacnet.schemas.demonstration_memory import Shown
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.framing import Framed, framed, segments_of
 from pacnet.schemas.percept_extension import PerceptExtension
-from pacnet.schemas.scene import Scene, pose_dimensions, poses_of, scene_of
-from pacnet.schemas.segments import SegmentMemory, Segments
+from pacnet.schemas.scene import Scene, poses_of, scene_of
+from pacnet.schemas.segments import CONTINUES, SegmentMemory, Segments
 from pacnet.schemas.smoothing import smoothed_scene
-
-_LEAST_GAIN = 0.02  # of the largest: what actions move less is not corrected
-_FIRST_TURN = 3  # the first of a pose's dimensions that says how it is turned
 
 
 class FramedKnown(NamedTuple):
@@ -63,8 +61,9 @@ class FramedSchemas(nn.Module):
         model, body = config.forward_model, config.body
         self.forward_model = None if model is None else AffineForwardModel(model)
         self.body = None if body is None else KinematicModel(body.model)
-        self._framed: list[Framed] = []  # derived from the demonstrations, as the next
+        self._framed: list[Framed] = []  # derived from the demonstrations, as the next two
         self._derived: tuple[Shown, Segments, Bounds] | None = None
+        self._past = self.extension()  # of the episode of the last demonstration
         check_on_load(self)
 
     def take_body(self, body: KinematicModel) -> None:
@@ -92,15 +91,30 @@ class FramedSchemas(nn.Module):
         poses = [poses_of(scene, self.config.points.moved) for scene in scenes]
         fit_to_poses(model, poses, demonstrations)
 
-    def cut(self, number: int, percepts: NDArray[np.float32], begins: int) -> None:
+    def cut(
+        self,
+        number: int,
+        percepts: NDArray[np.float32],
+        begins: int,
+        shown: Shown,
+        unit: NDArray[np.float64],
+    ) -> None:
         """Keep where a demonstration is cut.
 
         Args:
             number: its own.
             percepts: `[T, D]`, in their own units.
             begins: how; see `SegmentMemory.append`.
+            shown: the demonstrations up to it.
+            unit: of each scaled dimension, `[D]`.
         """
-        self.segments.append(number, self._approach(percepts).landmark, begins)
+        extension = self.extension()
+        if begins == CONTINUES:
+            how = self.segments.begins()
+            first = max(one for one in range(number) if how[one] != CONTINUES)
+            extension.episode(shown.percepts[shown.first[first] : shown.first[number]] * unit)
+        landmark = self._approach(extension.episode(percepts, goes_on=True)).landmark
+        self.segments.append(number, landmark, begins)
 
     def extension(self) -> PerceptExtension:
         """Return what appends to the percepts of an episode what they imply."""
@@ -121,17 +135,20 @@ class FramedSchemas(nn.Module):
 
     def approach(self, shown: Demonstration) -> Approach:
         """Return how an episode of T ≥ 1 frames, learned or not, comes near the landmarks."""
-        parts = [self._approach(part.percepts.numpy()) for part in shown.continuous()]
+        extension = self.extension()
+        parts = [
+            self._approach(extension.episode(part.percepts.numpy(), goes_on=True))
+            for part in shown.continuous()
+        ]
         return Approach(*map(np.concatenate, zip(*parts, strict=True)))
 
-    def _approach(self, percepts: NDArray[np.float32]) -> Approach:
-        places, config = self._smoothed(percepts).places, self.config
+    def _approach(self, extended: NDArray[np.floating]) -> Approach:
+        places, config = self._smoothed(extended).places, self.config
         distances = np.linalg.norm(places[:, 1:] - places[:, :1], axis=2)
         landmark = cut(places, config.size, self.fps, config.put_back)
         return Approach(distances, landmark, carried(places, config.size, self.fps))
 
-    def _smoothed(self, percepts: NDArray[np.float32]) -> Scene:
-        extended = self.extension().episode(percepts)
+    def _smoothed(self, extended: NDArray[np.floating]) -> Scene:
         return smoothed_scene(extended, self.config.points, self.config.smoothing)
 
     def known(
@@ -175,19 +192,20 @@ class FramedSchemas(nn.Module):
         if config.body is not None and kinematics is not None:
             return body_of(config, kinematics)
         assert self.forward_model is not None
-        return _for_frames(self.forward_model.arrays(), segments, config)
+        return for_frames(self.forward_model.arrays(), segments, config)
 
     def _derive(self, shown: Shown, unit: NDArray[np.float64]) -> tuple[Segments, Bounds]:
         """Return the segments of these demonstrations, and the bounds of what was shown."""
         if self._derived is None or self._derived[0] is not shown:
-            kinematics = self._kinematics()
+            kinematics, how = self._kinematics(), self.segments.begins()
             for number in range(len(self._framed), len(shown.frames)):
                 rows = slice(shown.first[number], shown.first[number + 1])
-                percepts = self.extension().episode(shown.percepts[rows] * unit)
+                goes_on = how[number] == CONTINUES
+                percepts = self._past.episode(shown.percepts[rows] * unit, goes_on=goes_on)
                 actions = shown.targets[rows]
                 self._framed.append(framed(percepts, actions, self.config, self.fps, kinematics))
             cuts = self.segments.columns()
-            segments = segments_of(self._framed, cuts, shown, self.config)
+            segments = segments_of(self._framed, cuts, shown, self.config, self.fps)
             self._derived = shown, segments, bounds_of(segments)
         return self._derived[1:]
 
@@ -218,28 +236,4 @@ class FramedSchemas(nn.Module):
 
     def forget_derived(self) -> None:
         """Derive all anew from the demonstrations, which have changed."""
-        self._framed, self._derived = [], None
-
-
-def _for_frames(model: AffineArrays, segments: Segments, config: FramesConfig) -> AffineArrays:
-    """Return the model with the plain inverse of its gain, which makes good all of a deviation.
-
-    What moves the pose may be as large as it was in any direction, since another landmark may lie
-    in another one. Moving and turning have units of their own, and are inverted apart. Before a
-    fit there is no correction, and shown actions have no limits.
-    """
-    if not model.moves.any():
-        unlimited = np.full(len(model.lowest), np.inf)
-        return model._replace(lowest=-unlimited, highest=unlimited)
-    turns = np.array(pose_dimensions(config.points.moved)) >= _FIRST_TURN
-    lowest, highest, inverse = model.lowest.copy(), model.highest.copy(), model.gain.T.copy()
-    of_places = model.follows >= 0
-    largest = np.maximum(np.abs(lowest), np.abs(highest))
-    largest[of_places] = np.abs(segments.action[:, of_places]).max(axis=0)
-    moving = (model.gain[~turns] != 0).any(axis=0)
-    for dimensions, actions in ((turns, ~moving), (~turns, moving)):
-        inverse[:, dimensions] = np.linalg.pinv(model.gain[dimensions], rcond=_LEAST_GAIN)
-        for alike in (model.moves & actions & of_places, model.moves & actions & ~of_places):
-            highest[alike] = largest[alike].max(initial=0.0)
-            lowest[alike] = -highest[alike]
-    return model._replace(inverse=inverse, lowest=lowest, highest=highest)
+        self._framed, self._derived, self._past = [], None, self.extension()

@@ -58,7 +58,7 @@ def choose_frames(
     others, ranges = others_of(demonstrations, {*points.used}, scale)
     return FramesConfig(
         points,
-        measure(_moving([scene.places[:, 0] for scene in scenes]), demonstrations.fps),
+        measure(moving([scene.places[:, 0] for scene in scenes]), demonstrations.fps),
         smoothing,
         others,
         ranges,
@@ -114,7 +114,7 @@ def _another(
     """Return the point that actions move rather than the first, by name; None for none."""
     names, size = points.names, points.dimensions
     places = [[scene.places[:, number, :size] for scene in scenes] for number in range(len(names))]
-    others = [number for number in range(1, len(names)) if _moving(places[number])]
+    others = [number for number in range(1, len(names)) if moving(places[number])]
     left = {number: _left(places[number], demonstrations, lead) for number in (0, *others)}
     best = min(left, key=left.__getitem__)
     return names[best] if left[best] < _TOLD and left[0] > _UNTOLD else None
@@ -132,7 +132,7 @@ def _left(places: Sequence[Array], demonstrations: Demonstrations, lead: int) ->
     return errors[0] / errors[1] if errors[1] > 0 else 1.0
 
 
-def _moving(places: Sequence[Array]) -> list[Array]:
+def moving(places: Sequence[Array]) -> list[Array]:
     """Return the places `[T, 3]` in those demonstrations in which the moved point moves."""
     return [place for place in places if np.ptp(place, axis=0).any()]
 

@@ -101,7 +101,8 @@ class Draft:
         changes = (changes * config.scaling.change_ratio).clip(-MAX_VALUE, MAX_VALUE)
         self.memory.append(scaled, changes.astype(np.float32), targets, task, correction)
         if self.frames is not None:
-            self.frames.cut(len(self.memory) - 1, percepts.numpy(), begins)
+            number, unit = len(self.memory) - 1, 1 / np.array(config.scaling.scale)
+            self.frames.cut(number, percepts.numpy(), begins, self.memory.shown(), unit)
             return observed, novelty
         if config.budget is not None and len(self.memory.rows) > config.budget:
             self._forget(config.budget, self.sofm.scale / percepts.new_tensor(config.scaling.scale))

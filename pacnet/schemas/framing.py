@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacnet.attention.cutting import carried
+from pacnet.attention.cutting import across_gaps, carried
 from pacnet.forward_models.affine_rows import placed
 from pacnet.forward_models.kinematic_arrays import KinematicArrays
 from pacnet.schemas.chains import (
@@ -33,7 +33,7 @@ from pacnet.schemas.scene import (
     poses_of,
     rotate,
 )
-from pacnet.schemas.segments import NO_SEGMENT, Segments
+from pacnet.schemas.segments import CONTINUES, NO_SEGMENT, Segments
 from pacnet.schemas.smoothing import smoothed_scene
 
 Array = NDArray[np.float64]
@@ -109,6 +109,7 @@ def segments_of(
     cuts: Mapping[str, Numbers],
     shown: Shown,
     config: FramesConfig,
+    fps: float,
 ) -> Segments:
     """Return all segments; arguments in the order of the demonstrations.
 
@@ -117,6 +118,7 @@ def segments_of(
         cuts: see `SegmentMemory.columns`.
         shown: the same demonstrations.
         config: of frames.
+        fps: frames per second [1/s].
     """
     from pacnet.schemas.layout_kernels import layouts  # imports numba
 
@@ -126,9 +128,12 @@ def segments_of(
         for parts in zip(*[(*one.scene, *one[1:]) for one in demonstrations], strict=True)
     )
     scene, number = Scene(places, turns), cuts["demonstration"]
+    later = np.unique(number[cuts["begins"] == CONTINUES])
+    carried = across_gaps(carried, shown.first[later].tolist(), fps)
     end = cuts["frames"].cumsum()
     first = end - cuts["frames"]
     rests = ~np.logical_or.reduceat(carried, first)
+    rests[:, len(config.perceived) :] = False  # when something is put back is told by itself
     cuts = {**cuts, "landmark": after_gaps(cuts, rests)}
     chains = in_chains(cuts, cuts["landmark"], shown)
     usual, landmark = _usual(scene, carried, cuts, chains, extent)
@@ -138,16 +143,18 @@ def segments_of(
     origin, axes = landmark_of(scene, landmark.repeat(frames))
     back = conjugate(axes)
     rows, moved = np.arange(len(places)), held.moved.repeat(frames)
+    turned = turns[rows, held.turned.repeat(frames)]
     place = rotate(back, places[rows, moved] - origin)
     seen = [rotate(back, velocity[:, :3]), rotate(back, velocity[:, 3:])]
     grip, grip_turn = held.place.repeat(frames, axis=0), held.turn.repeat(frames, axis=0)
     goal = rotate(back, hand[:, :3] + rotate(hand[:, 3:], grip) - origin)
+    goal_turn = multiply(multiply(back, hand[:, 3:]), grip_turn)
     return Segments(
         first, end, landmark, number, chains.order, chains.leg, after, usual,
         layouts(places[first], turns[first], others[first], extent),
-        places, turns, place, multiply(back, turns[rows, moved]),
+        places, turns, place, multiply(back, turned),
         np.concatenate(seen, axis=1), axes, _shares(place, first, end), action, others, carried,
-        held.moved, held.about_axis, goal, multiply(multiply(back, hand[:, 3:]), grip_turn),
+        held.moved, held.turned, held.about_axis, goal, goal_turn,
     )  # fmt: skip
 
 

@@ -27,6 +27,8 @@ class Held(NamedTuple):
 
     moved: Numbers
     """Number of the landmark + 1, `[S]`."""
+    turned: Numbers
+    """The same if it is perceived how that is turned, 0 for the hand, `[S]`."""
     place: Array
     """In the hand, `[S, 3]`."""
     turn: Array
@@ -52,7 +54,8 @@ def held_in(
     count = len(first)
     turn = np.zeros((count, 4))
     turn[:, 0] = 1.0
-    held = Held(np.zeros(count, np.int64), np.zeros((count, 3)), turn, np.zeros(count, bool))
+    none = np.zeros(count, np.int64)
+    held = Held(none, none.copy(), np.zeros((count, 3)), turn, np.zeros(count, bool))
     if config.body is None:
         return held
     shares = np.add.reduceat(carried, first) / (end - first)[:, None]
@@ -66,6 +69,7 @@ def held_in(
         if not config.points.landmarks[number].orientation:
             continue
         turns = multiply(back, scene.turns[rows, 1 + number])
+        held.turned[one] = 1 + number
         held.turn[one] = mean_turn(turns)
         held.about_axis[one] = _turns_about_axis(turns, held.turn[one])
     return held

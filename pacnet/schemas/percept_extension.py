@@ -48,9 +48,17 @@ class PerceptExtension:
         """Return one percept `[D]` with what it implies, continuing from the last call."""
         return self._with_places(self._with_hand(percept[None])[0])
 
-    def episode(self, percepts: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Return all percepts of an episode `[T, D]` with what they imply."""
-        self.reset()
+    def episode(
+        self, percepts: NDArray[np.floating], *, goes_on: bool = False
+    ) -> NDArray[np.floating]:
+        """Return all percepts of an episode `[T, D]` with what they imply.
+
+        Args:
+            percepts: of the episode.
+            goes_on: whether they are those after a gap, in the episode of the last call.
+        """
+        if not goes_on:
+            self.reset()
         percepts = self._with_hand(percepts)
         if not self._objects:
             return percepts

@@ -74,6 +74,9 @@ class Segments(NamedTuple):
     moved: Numbers
     """What is moved to the landmark, `[S]`: the moved point, 0, or with a body the landmark that it
     carries, its number + 1."""
+    turned: Numbers
+    """Whose turn is wanted: that of what is moved, or the moved point's, 0, where it is not
+    perceived how that is turned, `[S]`."""
     about_axis: NDArray[np.bool_]
     """Whether only how its third axis points is known of how that is turned, `[S]`."""
     goal: Array
@@ -125,6 +128,11 @@ class SegmentMemory(nn.Module):
     def columns(self) -> dict[str, Numbers]:
         """Return a copy of what is kept of each segment, by name, `[S]` each."""
         return {name: self.rows.live(name).numpy().copy() for name in self.rows.columns}
+
+    def begins(self) -> Numbers:
+        """Return how each of E demonstrations begins; see `append`, `[E]`."""
+        number, begins = self.rows.live("demonstration").numpy(), self.rows.live("begins").numpy()
+        return begins[np.flatnonzero(np.diff(number, prepend=-1))]
 
     def versions(self) -> BufferVersions:
         """Return a record of the state, to detect later that it was changed."""

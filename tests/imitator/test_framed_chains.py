@@ -139,7 +139,7 @@ def test_episodes_go_by_all_their_parts(whole: Demonstration):
     )
 
 
-@pytest.mark.parametrize(("gap", "reference"), [((5, 8), "object"), ((74, 77), "goal")])
+@pytest.mark.parametrize(("gap", "reference"), [((5, 8), "object"), ((80, 83), "goal")])
 def test_what_no_landmark_was_seen_for_before_a_gap_is_on_the_way_to_the_one_after_it(
     whole: Demonstration, gap: tuple[int, int], reference: str
 ):

@@ -88,7 +88,7 @@ def segments_from(
         else:
             memory.append(number, labels[number])
     lengths = [len(one) for one in percepts]
-    return segments_of(parts, memory.columns(), shown_of(lengths, **shown), config)
+    return segments_of(parts, memory.columns(), shown_of(lengths, **shown), config, FPS)
 
 
 def test_segments_are_those_of_the_cuts():

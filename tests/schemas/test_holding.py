@@ -66,7 +66,7 @@ def carried(of: int, frames: slice = slice(None)) -> np.ndarray:
 
 def test_what_is_carried_is_held_somewhere_in_the_hand():
     found = held(carrying(CUP), carried(CUP))
-    assert found.moved.tolist() == [1 + CUP]
+    assert found.moved.tolist() == found.turned.tolist() == [1 + CUP]
     np.testing.assert_allclose(found.place, [GRIP], atol=1e-12)
     assert (rotation(found.turn[0]).inv() * GRIP_TURN).magnitude() < 1e-9
     assert found.about_axis.tolist() == [False]
@@ -76,6 +76,7 @@ def test_what_has_no_orientation_turns_with_the_hand():
     """Else it would seem to turn against the hand, which never turns it."""
     found = held(carrying(STONE), carried(STONE))
     assert found.moved.tolist() == [1 + STONE]
+    assert found.turned.tolist() == [0]  # the hand's own turn is wanted
     np.testing.assert_allclose(found.place, [GRIP], atol=1e-12)
     assert found.turn.tolist() == [[1, 0, 0, 0]]
     assert found.about_axis.tolist() == [False]
