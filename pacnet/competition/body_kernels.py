@@ -28,6 +28,7 @@ from pacnet.schemas.scene import WORLD
 from pacnet.schemas.segments import NO_SEGMENT
 
 AT = 0.1  # share of the scene's size within which the hand is at a landmark
+ANEW = 0.01  # the same by which a posture ahead is off that is looked for anew
 NOWHERE = (0.0, 0.0, 0.0)
 
 
@@ -62,8 +63,7 @@ def follow_with_body(
     hold.segment[0] = segment
     _grasp(segments, state, body, hold)
     if segments.landmark[segment] != WORLD:
-        _show(last, segments, body, hold.shown)
-        _reach(last, 0.0, segments, state, body, hold, hold.ahead, hold.miss)
+        _look_ahead(last, segments, settings, state, body, hold)
     _show(row, segments, body, hold.shown)
     for j in range(len(body.commands)):
         if is_first or not body.moves[j]:
@@ -132,6 +132,29 @@ def _grasp(segments, state, body, hold):
         hold.place[k] += (place[k] - hold.place[k]) / hold.frames[0]
     for k in range(4):
         hold.turns[0, k] += turn[k] if alike >= 0 else -turn[k]
+
+
+@njit
+def _look_ahead(last, segments, settings, state, body, hold):
+    """Find the posture at the end of the way, from the one found last; where that is off, anew.
+
+    What was out of reach may have led it to where it finds no way back.
+    """
+    _show(last, segments, body, hold.shown)
+    _reach(last, 0.0, segments, state, body, hold, hold.ahead, hold.miss)
+    off = _size_of(hold.miss, body)
+    if off > ANEW * settings.extent:
+        hold.anew[:] = hold.shown
+        _reach(last, 0.0, segments, state, body, hold, hold.anew, hold.off)
+        if _size_of(hold.off, body) < off / 2:
+            hold.ahead[:] = hold.anew
+            hold.miss[:] = hold.off
+
+
+@njit
+def _size_of(off, body):
+    """Return by how much a posture is off, its turn weighted as a distance."""
+    return math.hypot(norm(vector(off)), body.free[0] * off[3])
 
 
 @njit
