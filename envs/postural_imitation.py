@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
+from envs.account import account
 from envs.behaviours import BEHAVIOURS, PHASES, REST_POSTURE
 from envs.demonstrator import Demonstration, plan_demonstration
 from envs.drawing import draw_scene
@@ -29,7 +30,7 @@ from envs.postural_arguments import (
 )
 from envs.presence import attend, is_perceived
 from envs.scene import GLASS_PLACE, IMITATOR, WHO
-from envs.task import Deeds, final_place, measure
+from envs.task import Deeds, final_place
 
 GLASS_SPREAD = 0.01  # [m] largest offset of the glass from its nominal place, in x and in y
 __all__ = ["GLASS_NAMES", "STATE_NAMES", "PosturalImitationEnv", "percept"]
@@ -69,7 +70,8 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     imitator's glass, and then there is no success. ``info`` tells of a body that rests, and of a
     glass that is away behind the imitator, as of any other.
 
-    Reward: exp(-d / 0.1 m), d the distance between both wrists, each in its own body frame.
+    Reward: exp(-d / 0.1 m), d the distance between both wrists, each in its own body frame, also
+    where the demonstrator only rests.
 
     An episode is truncated at the end of the demonstration, or after 15 s (750 steps) if the
     demonstrator is not there by then; it never terminates. In further steps the demonstrator rests.
@@ -150,8 +152,9 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             ValueError: An option or its value is not known, or the glasses cannot stand there;
                 nothing has changed.
         """
-        self._options = checked_options(options)
+        checked = checked_options(options)
         super().reset(seed=seed, options=options)
+        self._options = checked
         if seed is not None or self._demonstration is None:
             self._own_random = self.np_random.spawn(1)[0]  # leaves the numbers of the other as is
         spread = self.np_random.uniform(-GLASS_SPREAD, GLASS_SPREAD, size=2)
@@ -291,33 +294,10 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     def _describe(self) -> dict[str, Any]:
         """Return the true state and the task's measures."""
-        state = self._physics.scene_state
-        measures = [
-            measure(state.mouth[row], state.glass[row], state.axis[row], self._final_place)
-            for row in (0, 1)
-        ]
-        success = []
-        for deeds, measured, grip in zip(self._deeds, measures, self._physics.grips, strict=True):
-            deeds.update(measured)
-            is_put = measured.stands_at_place and not grip.held
-            success.append(is_put and deeds.fulfil(self._behaviour))
-        phases = self._plan.phases
-        wrists, angles = state.wrist.copy(), state.angles.copy()
-        return {
-            "demonstrator_wrist": wrists[0],
-            "imitator_wrist": wrists[1],
-            "demonstrator_angles": angles[0],
-            "imitator_angles": angles[1],
-            "imitator_grip": state.grip[1].copy(),
-            "imitator_hand": state.hand,
-            "rim_to_mouth": measures[1].rim_to_mouth,
-            "glass_from_place": measures[1].glass_from_place,
-            "glass_tilt": measures[1].glass_tilt,
-            "glass_position": state.glass[1].copy(),
-            "glass_held": self._physics.grips[1].held,
-            "phase": PHASES[phases[min(self._step, len(phases) - 1)]],
-            "mouth_reached": self._deeds[1].mouth_reached,
-            "toasted": self._deeds[1].toasted,
-            "is_success": success[1] and self._options.own_glass == "standing",
-            "demonstrator_success": success[0],
-        }
+        physics, phases = self._physics, self._plan.phases
+        info = account(
+            physics.scene_state, physics.grips, self._deeds, self._behaviour, self._final_place
+        )
+        info["phase"] = PHASES[phases[min(self._step, len(phases) - 1)]]
+        info["is_success"] = info["is_success"] and self._options.own_glass == "standing"
+        return info

@@ -47,7 +47,9 @@ class Hold(NamedTuple):
     moved: Numbers  # [1], what is carried, 0 for nothing
     frames: Numbers  # [1], since it was taken
     place: Array  # [3], of what is carried in the hand, the mean
-    turns: Array  # [4], the sum of its quaternions relative to the hand
+    turns: Array  # [1, 4], the sum of its quaternions relative to the hand
+    places: Array  # [P, 3], of all points, before the hand was at them
+    axes: Array  # [P, 4], how they were turned
 
 
 def body_of(config: BodyConfig, kinematics: KinematicArrays, extent: float) -> Body:
@@ -72,8 +74,8 @@ def body_of(config: BodyConfig, kinematics: KinematicArrays, extent: float) -> B
     )
 
 
-def new_hold(joints: int) -> Hold:
-    """Return the state of an episode that has not begun, for J joints."""
+def new_hold(joints: int, points: int) -> Hold:
+    """Return the state of an episode that has not begun, for J joints and P points."""
     return Hold(
         segment=np.full(1, NO_SEGMENT),
         posture=np.zeros(joints),
@@ -84,5 +86,7 @@ def new_hold(joints: int) -> Hold:
         moved=np.zeros(1, np.int64),
         frames=np.zeros(1, np.int64),
         place=np.zeros(3),
-        turns=np.zeros(4),
+        turns=np.zeros((1, 4)),
+        places=np.zeros((points, 3)),
+        axes=np.zeros((points, 4)),
     )

@@ -10,7 +10,7 @@ import math
 
 from numba import njit
 
-from pacnet.competition.framed_kernels import UNTURNED, advance, axes_of, left_of, vector
+from pacnet.competition.framed_kernels import UNTURNED, advance, left_of, vector
 from pacnet.forward_models.kinematic_kernels import pose_at, reach
 from pacnet.kernels.caching import cached_njit
 from pacnet.kernels.turns import (
@@ -18,6 +18,7 @@ from pacnet.kernels.turns import (
     inverse,
     minus,
     multiply,
+    norm,
     plus,
     rotate,
     turn_of,
@@ -26,6 +27,7 @@ from pacnet.kernels.turns import (
 from pacnet.schemas.scene import WORLD
 from pacnet.schemas.segments import NO_SEGMENT
 
+AT = 0.1  # share of the scene's size within which the hand is at a landmark
 NOWHERE = (0.0, 0.0, 0.0)
 
 
@@ -54,6 +56,7 @@ def follow_with_body(
         return
     last = segments.end[segment] - 1
     is_first = hold.segment[0] == NO_SEGMENT
+    _locate(is_first, settings, state, hold)
     if hold.segment[0] != segment:
         _show(last, segments, body, hold.ahead)
     hold.segment[0] = segment
@@ -70,6 +73,35 @@ def follow_with_body(
     action[:] = segments.action[row]
     for j in range(len(body.commands)):
         action[body.commands[j]] = hold.posture[j]
+
+
+@njit
+def _locate(is_first, settings, state, hold):
+    """Take in where landmarks are, unless the hand is at them: then they may move with it.
+
+    A hand that is led by what it holds itself would never stop.
+    """
+    hand = vector_of(state.places, 0)
+    for i in range(len(hold.places)):
+        apart = norm(minus(vector_of(state.places, i), hand))
+        if not is_first and apart <= AT * settings.extent:
+            continue
+        hold.places[i] = state.places[i]
+        share = 1.0 if is_first else settings.smoothing[i, 0]
+        alike = 0.0
+        for k in range(4):
+            alike += hold.axes[i, k] * state.turns[i, k]
+        sign = -1.0 if alike < 0 else 1.0
+        for k in range(4):
+            hold.axes[i, k] += share * (sign * state.turns[i, k] - hold.axes[i, k])
+
+
+@njit
+def _unit(rows, i):
+    """Return a row `[4]` as a quaternion of length one."""
+    w, x, y, z = turn_of(rows, i)
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / size, x / size, y / size, z / size
 
 
 @njit
@@ -95,19 +127,11 @@ def _grasp(segments, state, hold):
     turn = multiply(back, turn_of(state.turns, moved))
     alike = 0.0
     for k in range(4):
-        alike += hold.turns[k] * turn[k]
+        alike += hold.turns[0, k] * turn[k]
     for k in range(3):
         hold.place[k] += (place[k] - hold.place[k]) / hold.frames[0]
     for k in range(4):
-        hold.turns[k] += turn[k] if alike >= 0 else -turn[k]
-
-
-@njit
-def _held(hold):
-    """Return the mean turn of what is carried, relative to the hand."""
-    w, x, y, z = hold.turns[0], hold.turns[1], hold.turns[2], hold.turns[3]
-    size = math.sqrt(w * w + x * x + y * y + z * z)
-    return w / size, x / size, y / size, z / size
+        hold.turns[0, k] += turn[k] if alike >= 0 else -turn[k]
 
 
 @njit
@@ -126,8 +150,9 @@ def _reach(row, left, segments, state, body, hold, posture, off):
     """
     segment = state.segment[0]
     landmark = segments.landmark[segment]
-    axes = axes_of(landmark, state)
-    origin = NOWHERE if landmark == WORLD else vector_of(state.places, landmark + 1)
+    origin, axes = NOWHERE, UNTURNED
+    if landmark != WORLD:
+        origin, axes = vector_of(hold.places, landmark + 1), _unit(hold.axes, landmark + 1)
     seen = plus(vector_of(segments.goal, row), vector(state.offset), left)
     place = plus(origin, rotate(axes, seen), 1.0)
     turned_by = vector(state.offset_turn)
@@ -135,7 +160,7 @@ def _reach(row, left, segments, state, body, hold, posture, off):
     turn = multiply(axes, multiply(faded, turn_of(segments.goal_turn, row)))
     held, held_turn, axis, weights = NOWHERE, UNTURNED, False, body.free
     if hold.moved[0] != 0:
-        held, held_turn = vector(hold.place), _held(hold)
+        held, held_turn = vector(hold.place), _unit(hold.turns, 0)
         axis, weights = segments.about_axis[segment], body.carrying
     _, turned = reach(
         body.kinematics, posture, hold.shown, held, held_turn, place, turn, axis, weights, body.work

@@ -97,7 +97,7 @@ class FramedFollower:
         )
         features = 3 * points * (points - 1) // 2 + 6 * points + len(config.others)
         self.extension: PerceptExtension | None = None
-        self.hold = None if config.body is None else new_hold(len(config.body.commands))
+        self.hold = None if config.body is None else new_hold(len(config.body.commands), points)
         self.state = FramedState(
             seen=np.zeros(1, np.int64),
             places=np.zeros((points, 3)),

@@ -7,6 +7,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import Error
 
 import envs  # noqa: F401  registers the environment
 from envs.behaviours import REST_POSTURE
@@ -213,3 +214,12 @@ def test_misspelt_options_are_refused_before_anything_changes(noisy, options, me
         noisy.reset(seed=7, options=options)
     after = [first, noisy.step_to(noisy.rest_posture)[0], noisy.reset()[0]]
     assert bytes_of(after, first) == bytes_of(undisturbed, first)
+
+
+def test_a_refused_seed_leaves_the_options_of_the_episode(noisy):
+    noisy.reset(seed=2)
+    with pytest.raises(Error, match="Seed"):
+        noisy.reset(seed=-1, options={"demonstrator": "absent", "own_glass": "absent"})
+    observation = noisy.step_to(noisy.rest_posture)[0]
+    assert np.any(observation["demonstrator"])
+    assert np.any(observation["own_glass"])
