@@ -44,6 +44,7 @@ def teach(folder: Path, body: KinematicModel) -> float:
     }
     seconds = {row: _learn(*taught) for row, taught in imitators.items()}
     for row, (_, imitator) in imitators.items():
+        imitator.warm_up()  # compiles once, not in each process that acts
         imitator.save_pretrained(folder / FOLDERS[row])
     return seconds[OURS]
 
