@@ -18,6 +18,11 @@ def print_tables(summary: Mapping[str, Mapping[str, Summary]]) -> None:
     for name, share in summary["novelty"].items():
         what = "before the hand is there" if name in STRANGE else "in any step, a false alarm"
         print(f"{'glass ' if name in STRANGE else ''}{name}, {what:<40}{_text(share, 1)}")
+    shares = summary["mirror"]
+    print(
+        f"\nthe node of the other's grasp wins {_text(shares['own'], 1)} of the own grasp, ", end=""
+    )
+    print(f"{_text(shares['watched'], 1)} of the other's, {_text(shares['chance'], 1)} of all")
     timing = summary["timing"]
     print(
         f"\nlearning {_text(timing['learning_s'], 1)} s, a step {_text(timing['step_s'], 1e3)} ms"

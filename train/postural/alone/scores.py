@@ -7,6 +7,8 @@ from typing import TypedDict
 
 import numpy as np
 
+from pacnet import PACNet
+from train.postural.alone.mirror import mirror
 from train.postural.alone.scenes import ALONE, OURS, SCENES, STRANGE, USUAL
 from train.postural.alone.trials import Trial
 
@@ -19,14 +21,16 @@ class AloneScores(TypedDict):
     success: Cells
     distance_m: Cells
     novelty: dict[str, float]
+    mirror: dict[str, float]
     timing: dict[str, float]
 
 
-def score_trials(trials: Sequence[Trial], learning_seconds: float) -> AloneScores:
+def score_trials(trials: Sequence[Trial], network: PACNet, learning_seconds: float) -> AloneScores:
     """Return the scores of one replicate: means over its trials.
 
     Args:
         trials: At the places of every radius.
+        network: Whose map watched the demonstrations.
         learning_seconds: That the imitator of all demonstrations took to learn.
     """
     success, distance = Cells(), Cells()
@@ -41,6 +45,7 @@ def score_trials(trials: Sequence[Trial], learning_seconds: float) -> AloneScore
         "success": success,
         "distance_m": distance,
         "novelty": _score_novelty(trials),
+        "mirror": mirror(network, trials).shares,
         "timing": {
             "learning_s": learning_seconds,
             "step_s": float(np.median([done.step_seconds for done in ours(trials, ALONE)])),

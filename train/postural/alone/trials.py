@@ -30,6 +30,7 @@ class Task(NamedTuple):
 class Trial:
     """What everybody did at one place."""
 
+    seed: int  # of its episodes
     offset: tuple[float, float]  # [m] of the glasses from the usual place
     outcomes: dict[str, dict[str, Outcome]]  # scene -> row -> outcome; percepts of ours only
     distances: dict[str, dict[str, float]]  # [m] of each path from the demonstrator's
@@ -64,7 +65,7 @@ class _Trials:
             if scene.is_known:
                 done = outcomes[name].items()
                 distances[name] = {row: _apart(shown, outcome) for row, outcome in done}
-        return Trial(offset, outcomes, distances, shown, _apart(shown, other))
+        return Trial(task.seed, offset, outcomes, distances, shown, _apart(shown, other))
 
     def _act(self, row: str, scene: Scene, seed: int) -> Outcome:
         if row not in self._actors:
