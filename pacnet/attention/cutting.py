@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 _MOVES = 0.2  # share of the moved point's usual speed from which a landmark moves
 _APART = 1.0  # share of its way by which a carried landmark's way may differ from the moved point's
 _GONE = 0.02  # share of the scene's size by which what is carried gets away from its middle
-_BEGUN = 0.01  # the same for where it was, from which it has begun to move
 _MOSTLY = 0.9  # share of the frames that may be nearer: noise is farther in single ones
 _LEFT = 0.05  # share of the scene's size by which what was carried must be left behind
 _WINDOW = 0.05  # [s] before and after a moment in which speed is measured
@@ -75,19 +74,8 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
         for first, end in runs(held[:, number].astype(np.int64)):
             place = places[first:end, 1 + number]
             gone = np.linalg.norm(place - np.median(place, axis=0), axis=1)
-            if np.quantile(gone, _MOSTLY) <= _GONE * size.extent:
-                held[first:end, number] = False
-            else:
-                held[_begun(places[:first, 1 + number], size) : first, number] = True
+            held[first:end, number] &= np.quantile(gone, _MOSTLY) > _GONE * size.extent
     return held
-
-
-def _begun(place: Array, size: Size) -> int:
-    """Return when a landmark left where it mostly was, of its places until it moved, `[T, 3]`."""
-    if len(place) == 0:
-        return 0
-    gone = np.linalg.norm(place - np.median(place, axis=0), axis=1) > _BEGUN * size.extent
-    return len(place) - int(np.append(~gone[::-1], True).argmax())
 
 
 def _until_left(moves: NDArray[np.bool_], hold: Array, least: float) -> NDArray[np.bool_]:

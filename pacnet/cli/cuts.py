@@ -20,8 +20,8 @@ def describe_cuts(imitator: Imitator) -> dict[str, Any]:
 
     Returns:
         `explained`: share of the moved point's change of place, in frames held out, that is
-        predicted from actions and momentum, None with a body, without points or before anything was
-        learned;
+        predicted from actions and momentum; None without points, with a body, which says where that
+        point is, and before anything was learned;
         `cuts`: for each report, its segments, and whether it is followed.
     """
     from pacnet.imitator.cuts import WORLD_NAME
@@ -60,7 +60,7 @@ def cut_pairs(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     if not document["cuts"]:
         return []
     moved, explained = next(iter(document["points"])), document["explained"]
-    movement = f"{moved} is where the model of the body has it with the angles perceived"
+    movement = f"{moved} is where the body has it with the angles perceived"
     if explained is not None:
         movement = (
             f"{explained:.0%} of how {moved} moves is predicted from actions and momentum, in "

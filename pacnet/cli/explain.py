@@ -143,17 +143,26 @@ def _print_target(document: Mapping[str, Any]) -> None:
         rows = [(name, f"{value:.4g}", f"{shown[name]:.4g}") for name, value in target.items()]
         print("\naction, not sent" if action is None else "\naction")
         print_table(("<name", "value", "shown"), rows)
-    segment = document["segment"]
-    if segment is None:
-        print("shown: the weighted mean below; the rest corrects for the deviation from it")
-    else:
-        print(
-            "shown: at the moment below; the value is turned as the landmark is, and corrects for "
-            f"what {segment['moved']} is off"
-        )
+    print(_about_shown(document["segment"]))
     if document["targets_are"] == "state" and action is not None:
         print("\naction")
         print_table(("<name", "value"), [(name, f"{value:.4g}") for name, value in action.items()])
+
+
+def _about_shown(segment: Mapping[str, Any] | None) -> str:
+    """Return how an action comes from what was shown."""
+    if segment is None:
+        return "shown: the weighted mean below; the rest corrects for the deviation from it"
+    moved = segment["moved"]
+    if not segment["of_body"]:
+        return (
+            "shown: at the moment below; the value is turned as the landmark is, and corrects for "
+            f"what {moved} is off"
+        )
+    return (
+        f"shown: at the moment below; the value has the angles near these that take {moved}, or "
+        f"what it carries, to where it was then, seen from {segment['reference']}"
+    )
 
 
 def _mean_shown(document: Mapping[str, Any]) -> dict[str, float]:

@@ -28,7 +28,8 @@ def followed_segment(imitator: Imitator, step: ImitatorStep) -> dict[str, Any] |
     Returns:
         Its `number` in the demonstration, from 1, `of` how many; the `landmark` that it is on the
         way to, and in whose frame its targets are kept (`reference`); how far the moved point
-        (`moved`) is from there, and was at the moment followed, None where that is the world.
+        (`moved`) is from there, and was at the moment followed, None where that is the world; and
+        whether a body finds the angles that take it there (`of_body`).
     """
     points = imitator.config.points
     if points is None or step.segment is None or not step.followed:
@@ -43,6 +44,7 @@ def followed_segment(imitator: Imitator, step: ImitatorStep) -> dict[str, Any] |
         "landmark": segment.landmark,
         "reference": segment.reference,
         "moved": points.moved.name,
+        "of_body": imitator.frames is not None and imitator.frames.body is not None,
         "distance": None if in_world else _distance(now),
         "distance_shown": None if in_world else _distance(then),
     }

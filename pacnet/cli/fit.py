@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pacnet.cli.cuts import cut_pairs, describe_cuts
+from pacnet.cli.fit_usage import check_usage
 from pacnet.cli.held_out import add_held_out, compare, to_learn
 from pacnet.cli.parsing import (
     Commands,
@@ -19,7 +20,14 @@ from pacnet.cli.parsing import (
     path,
     whole_number,
 )
-from pacnet.cli.points import add_points, describe_points, points_of, points_text
+from pacnet.cli.points import (
+    NONE,
+    add_points,
+    body_of,
+    describe_points,
+    points_of,
+    points_text,
+)
 from pacnet.cli.printing import counted, print_pairs, progress_bar, size_text
 from pacnet.cli.reports import (
     count_episodes,
@@ -32,6 +40,7 @@ from pacnet.cli.reports import (
 if TYPE_CHECKING:
     from pacnet.datasets.demonstrations import Demonstrations
     from pacnet.evaluation.held_out import Split
+    from pacnet.forward_models.kinematics import KinematicModel
     from pacnet.imitator.imitator import Imitator
 
 _DETAILS = """Every episode is learned once, in order; nothing is learned across a gap in time. A
@@ -42,8 +51,8 @@ _EXAMPLES = """pacnet fit recordings/drinking --out imitator
   pacnet fit recordings/toasting --from imitator --out imitator
   pacnet fit user/name --state arm --state hand --action actions --exclude 3 --out imitator
   pacnet fit pushing --out imitator --points 'hand=observation.state[0:2]' goal=observation.goal
+  pacnet fit drinking --out imitator --body body --points glass=observation.environment_state[0:3]
   pacnet fit recordings/corrections --corrections --from imitator --out imitator"""
-_NONE = "none"  # in place of a feature's name
 
 
 def add_to(commands: Commands) -> None:
@@ -115,7 +124,7 @@ def _add_features(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Learn, write the checkpoint and print what was learned."""
-    _check_usage(arguments)
+    check_usage(arguments)
     from pacnet.cli.loading import checkpoint_folder
     from pacnet.core.interrupts import defer_sigint
     from pacnet.kernels.threads import use_one_thread
@@ -123,13 +132,15 @@ def run(arguments: argparse.Namespace) -> None:
     folder = checkpoint_folder(arguments.out)
     _check_out(arguments, folder)
     use_one_thread()
+    body = body_of(arguments)
     known, demonstrations = _load(arguments)
     parted = _parted(demonstrations, arguments.held_out)
     shown = to_learn(demonstrations, parted) if parted else demonstrations
     began = time.perf_counter()
     if known is None and arguments.targets == "state" and shown.state_features:
         _announce(shown)
-    imitator = _untrained(arguments)(shown) if known is None else known
+    untrained = _untrained(arguments, body)
+    imitator = untrained(shown) if known is None else known
     before = len(imitator.reports)
     _learn(imitator, shown, arguments.corrections)
     seconds = time.perf_counter() - began
@@ -137,24 +148,7 @@ def run(arguments: argparse.Namespace) -> None:
         imitator.save_pretrained(folder)
     _print(imitator, before, seconds, folder)
     if parted:
-        compare(parted, imitator, _untrained(arguments))
-
-
-def _check_usage(arguments: argparse.Namespace) -> None:
-    if arguments.lead is not None and arguments.targets != "state" and arguments.origin is None:
-        arguments.usage_error("argument --lead: only with --targets state")
-    if arguments.corrections and arguments.origin is None:
-        arguments.usage_error("argument --corrections: only with --from")
-    if arguments.held_out is not None and arguments.origin is not None:
-        arguments.usage_error("argument --held-out: not with --from, which has learned other data")
-    for option in ("targets", "lead", "budget", "points"):
-        if arguments.origin is not None and getattr(arguments, option) is not None:
-            arguments.usage_error(f"argument --{option}: not with --from, which has its own")
-    for option in ("state", "environment_state", "points"):
-        given = getattr(arguments, option) or ()
-        if _NONE in given and len(given) > 1:
-            name = option.replace("_", "-")
-            arguments.usage_error(f"argument --{name}: {_NONE} only by itself")
+        compare(parted, imitator, untrained)
 
 
 def _check_out(arguments: argparse.Namespace, folder: Path) -> None:
@@ -181,7 +175,7 @@ def _load(arguments: argparse.Namespace) -> tuple[Imitator | None, Demonstration
     for name in ("state", "environment_state", "action"):
         given = getattr(arguments, name)
         if given is not None:
-            features[name] = () if given == [_NONE] and name != "action" else tuple(given)
+            features[name] = () if given == [NONE] and name != "action" else tuple(given)
     return imitator, load_dataset(arguments, imitator, only_where=arguments.only_where, **features)
 
 
@@ -194,13 +188,20 @@ def _parted(demonstrations: Demonstrations, every: int | None) -> list[Split]:
     return splits(demonstrations, every)
 
 
-def _untrained(arguments: argparse.Namespace) -> Callable[[Demonstrations], Imitator]:
+def _untrained(
+    arguments: argparse.Namespace, body: KinematicModel | None
+) -> Callable[[Demonstrations], Imitator]:
     """Return what makes an imitator with settings from demonstrations, as the arguments say."""
     from pacnet.imitator.imitator import Imitator
 
     targets, lead = arguments.targets or "action", arguments.lead or 1
     return lambda demonstrations: Imitator.from_demonstrations(
-        demonstrations, targets, lead, budget=arguments.budget, points=points_of(arguments)
+        demonstrations,
+        targets,
+        lead,
+        budget=arguments.budget,
+        points=points_of(arguments),
+        body=body,
     )
 
 

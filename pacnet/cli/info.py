@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pacnet.cli.cuts import cut_pairs, describe_cuts
 from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_json
-from pacnet.cli.points import describe_points, points_text
+from pacnet.cli.points import body_text, describe_points, points_text
 from pacnet.cli.printing import (
     NOTHING,
     counted,
@@ -166,6 +166,8 @@ def _imitator(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
     if document["forward_model"] is not None:
         pairs.append(("forward model", forward_model_text(document["forward_model"])))
+    if document["body"] is not None:
+        pairs.insert(3, ("body", body_text(document["body"])))
     if document["positions_lead"] is not None:
         pairs.insert(2, ("positions", _position_targets(document)))
     return pairs

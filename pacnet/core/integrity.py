@@ -22,6 +22,7 @@ Checks = dict[str, Tensor | bool]
 _FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 _EXTRA = "_extra_state"
 _FORWARD_MODEL = "forward_model"  # a child that checks its own tensors
+_MODELS = {_FORWARD_MODEL, "body"}  # children with a floating-point type of their own
 
 
 def check_on_load(module: nn.Module) -> None:
@@ -56,7 +57,7 @@ def check_structure(module: nn.Module, tensors: Tensors) -> None:
     _check_own(kind, dict(_specs(module)), own)
     for prefix, child in children.items():
         child.check_state(part_of(tensors, prefix))
-    floats = (t.dtype for n, t in tensors.items() if _FORWARD_MODEL not in n.split("."))
+    floats = (t.dtype for n, t in tensors.items() if not _MODELS & {*n.split(".")})
     if len({dtype for dtype in floats if dtype.is_floating_point}) > 1:
         raise ValueError(f"expected floating-point tensors of one type in {kind}, got several")
 

@@ -200,10 +200,25 @@ class KinematicModel(SavedModel):
             coefficients, np.array(self.config.moving, np.int64), lowest, highest
         )
 
+    def load_state_dict(
+        self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
+    ) -> Any:
+        """Load tensors as `nn.Module` does, or none of them if one is refused.
+
+        Raises:
+            ValueError: as `check_state`.
+        """
+        self.check_state(state_dict)
+        return super().load_state_dict(state_dict, strict, assign)
+
     def check_loaded(self, tensors: Mapping[str, Any]) -> None:
+        """Raise as `check_state`, but for no tensors at all, which a part of a state may have."""
+        if tensors:
+            self.check_state(tensors)
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
-        if tensors:  # a part of a state may have none
-            check_structure(self, tensors)
-            finite = {f"a finite {name}": one.isfinite().all() for name, one in tensors.items()}
-            order = {"lowest ≤ highest": (tensors["lowest"] <= tensors["highest"]).all()}
-            check_conditions(finite | order)
+        check_structure(self, tensors)
+        finite = {f"a finite {name}": one.isfinite().all() for name, one in tensors.items()}
+        order = {"lowest ≤ highest": (tensors["lowest"] <= tensors["highest"]).all()}
+        check_conditions(finite | order)

@@ -16,8 +16,8 @@ _SETTLING = 6  # multiplications
 def nearest_turn(pose):
     """Return the turn, w ≥ 0, of a pose `[12]` whose matrix is nearly that of a rotation.
 
-    See `turn_matrices.nearest_turns`; of a rotation each row of the form, plus the identity, is the quaternion
-    times a number, and the largest is multiplied until it settles.
+    See `turn_matrices.nearest_turns`. Each row of the form of a rotation, with the identity added,
+    is the quaternion times a number; the largest row is multiplied until it settles.
     """
     a, b, c = (
         (pose[3], pose[4], pose[5]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from pacnet.attention.cutting import Size, carried, measure, was_put_back
 from pacnet.datasets.demonstrations import Demonstrations, dimension_names
+from pacnet.forward_models.config import KinematicModelConfig
 from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.frames import others_of
 from pacnet.imitator.point_checks import check_points
 from pacnet.imitator.point_names import find_landmarks
-from pacnet.imitator.points import PointsChoice, parse_landmarks
+from pacnet.imitator.points import PointsChoice, parse_landmarks, usable_points
 from pacnet.schemas.body import BodyConfig
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.points import Point, Points
@@ -23,6 +24,7 @@ from pacnet.schemas.scene import scene_of
 from pacnet.schemas.smoothing import choose_smoothing, smooth
 
 Array = NDArray[np.float64]
+Features = Mapping[str, tuple[str, ...]]
 
 HAND = "hand"
 _ANGLES = ("pos", "position", "angle", "q")  # ends of the names of angles
@@ -50,12 +52,11 @@ def choose_body_frames(
     """
     config = body_config(body, demonstrations)
     names, features = demonstrations.percept_features, demonstrations.state_features
-    landmarks = _landmarks(choice, demonstrations)
+    landmarks = landmarks_of(choice, names)
     first = len(dimension_names(names))
     hand = Point(HAND, tuple(range(first, first + 3)), tuple(range(first + 3, first + 7)))
-    points = Points(hand, landmarks)
     extended = _with_hands(body, config, demonstrations)
-    check_points(points, extended)
+    points = _that_hold(Points(hand, landmarks), choice, extended)
     seen = [scene_of(one.percepts.numpy(), points) for one in extended]
     smoothing = choose_smoothing([scene.places for scene in seen])
     places = [smooth(scene.places, smoothing) for scene in seen]
@@ -76,14 +77,15 @@ def choose_body_frames(
 
 
 def body_config(body: KinematicModel, demonstrations: Demonstrations) -> BodyConfig:
-    """Return which dimensions of percepts and actions are the angles of a body, by their names."""
-    joints = body.config.joints
-    percepts = dimension_names(demonstrations.percept_features)
-    config = BodyConfig(
-        body.config,
-        _numbers(joints, percepts, "percepts"),
-        _numbers(joints, demonstrations.action_names, "actions"),
-    )
+    """Return which dimensions of percepts and actions are the angles of a body, by their names.
+
+    Raises:
+        ValueError: no body, no angle of each of its joints, or angles that it can't have.
+    """
+    if not isinstance(body, KinematicModel):
+        raise ValueError(f"expected a KinematicModel as the body, got {type(body).__name__}")
+    names, joints = demonstrations.percept_features, body.config.joints
+    config = named_angles(body.config, names, demonstrations.action_names)
     lowest, highest = body.lowest.numpy(), body.highest.numpy()
     reach = highest - lowest  # noise may exceed a range, degrees do so by far
     for shown in demonstrations:
@@ -99,6 +101,23 @@ def body_config(body: KinematicModel, demonstrations: Demonstrations) -> BodyCon
     return config
 
 
+def named_angles(
+    model: KinematicModelConfig, features: Features, actions: Sequence[str]
+) -> BodyConfig:
+    """Return which dimensions are the angles of a body, by their names.
+
+    Args:
+        model: of the body.
+        features: feature of a percept -> names of its dimensions, in the order of the percept.
+        actions: names of the action's dimensions.
+
+    Raises:
+        ValueError: no angle of each of its joints among percepts or actions, or several of one.
+    """
+    percepts = _numbers(model.joints, dimension_names(features), "percepts")
+    return BodyConfig(model, percepts, _numbers(model.joints, actions, "actions"))
+
+
 def _numbers(joints: Sequence[str], names: Sequence[str], where: str) -> tuple[int, ...]:
     """Return the dimension that is the angle of each joint: NAME, or NAME.pos."""
     found = []
@@ -108,16 +127,24 @@ def _numbers(joints: Sequence[str], names: Sequence[str], where: str) -> tuple[i
         if len(own) != 1:
             raise ValueError(
                 f"expected {where} with an angle of each of the {len(joints)} joints of the body, "
-                f"called NAME or NAME.pos: {', '.join(joints)}; got none of {joint!r} among "
-                f"{', '.join(names)}"
+                f"called NAME or NAME.pos: {', '.join(joints)}; got {len(own) or 'none'} of "
+                f"{joint!r} among {', '.join(names)}"
             )
         found += own
     return tuple(found)
 
 
-def _landmarks(choice: PointsChoice, demonstrations: Demonstrations) -> tuple[Point, ...]:
-    """Return the points that are perceived."""
-    features = demonstrations.percept_features
+def landmarks_of(choice: PointsChoice, features: Features) -> tuple[Point, ...]:
+    """Return the points that are perceived, where a body says where the hand is.
+
+    Args:
+        choice: the landmarks; see `pacnet.imitator.points`.
+        features: feature of a percept -> names of its dimensions, in the order of the percept.
+
+    Raises:
+        ValueError: as `parse_landmarks`; none were found by their names, or one is called as the
+            body's hand is.
+    """
     if isinstance(choice, Points):
         raise ValueError("expected landmarks as texts with a body, got Points")
     if choice is None or choice == "auto":
@@ -128,7 +155,21 @@ def _landmarks(choice: PointsChoice, demonstrations: Demonstrations) -> tuple[Po
                 "glass=observation.environment_state[0:3], got none"
             )
         return landmarks
-    return parse_landmarks(choice, features)
+    landmarks = parse_landmarks(choice, features)
+    if HAND in [landmark.name for landmark in landmarks]:
+        raise ValueError(f"expected landmarks alone beside a body, got {HAND!r}, which is its own")
+    return landmarks
+
+
+def _that_hold(points: Points, choice: PointsChoice, demonstrations: Demonstrations) -> Points:
+    """Return points that hold in demonstrations with the hand; those that are given all do."""
+    if choice != "auto":
+        check_points(points, demonstrations)
+        return points
+    usable = usable_points(points, demonstrations)
+    if usable is None:
+        raise ValueError("expected a hand that moves, and a landmark that is there, got none")
+    return usable
 
 
 def _with_hands(

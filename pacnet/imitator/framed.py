@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
@@ -70,6 +71,13 @@ class FramedSchemas(nn.Module):
         """Take over what a model of the body has learned."""
         assert self.body is not None
         self.body.load_state_dict(body.state_dict())
+
+    def has_body(self, body: KinematicModel) -> bool:
+        """Return whether its body is this one, or an equal one."""
+        if self.body is None or self.body.config != body.config:
+            return False
+        pairs = zip(self.body.buffers(), body.buffers(), strict=True)
+        return all(torch.equal(own, other.to(own)) for own, other in pairs)
 
     def fit(self, demonstrations: Demonstrations) -> None:
         """Fit the forward model to continuous demonstrations, unless it was fitted before.

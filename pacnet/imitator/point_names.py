@@ -83,11 +83,14 @@ def find_points(
 def find_landmarks(features: Mapping[str, Sequence[str]]) -> tuple[Point, ...]:
     """Find the points in space by the names of their dimensions, as `find_points` does.
 
+    What is called like a hand is none: it is where a body has it.
+
     Args:
         features: feature -> names of its dimensions, in the order of the percept.
     """
     found = _renamed([*_candidates(features)])
-    return tuple(one.point for one in found if len(one.point.place) == 3)
+    points = (one.point for one in found)
+    return tuple(point for point in points if len(point.place) == 3 and not _is_hand(point.name))
 
 
 def unit_of(name: str) -> str:

@@ -13,7 +13,15 @@ from pacnet.imitator.point_checks import check_points, those_that_hold
 from pacnet.imitator.point_names import find_points, quaternion_order, unordered_quaternions
 from pacnet.schemas.points import ORIENTATIONS, Point, Points
 
-__all__ = ["PointsChoice", "check_points", "choose_points", "find_points", "parse_points"]
+__all__ = [
+    "PointsChoice",
+    "check_points",
+    "choose_points",
+    "find_points",
+    "parse_landmarks",
+    "parse_points",
+    "usable_points",
+]
 
 PointsChoice: TypeAlias = Literal["auto"] | Sequence[str] | Mapping[str, str] | Points | None
 """Points as texts, or names and features; "auto" for those found by their names, None for none."""
@@ -39,7 +47,7 @@ def choose_points(choice: PointsChoice, demonstrations: Demonstrations) -> Point
         return None
     if isinstance(choice, str) and choice == "auto":
         found = find_points(features, state).points
-        points = None if found is None else _usable(found, demonstrations)
+        points = None if found is None else usable_points(found, demonstrations)
         if points is not None:
             _tell_of_quaternions(points, features)
         return points
@@ -105,8 +113,8 @@ def _parsed(texts: Sequence[str] | Mapping[str, str], features: Features) -> lis
     return points
 
 
-def _usable(found: Points, demonstrations: Demonstrations) -> Points | None:
-    """Return the points that hold in the demonstrations, and warn of the others."""
+def usable_points(found: Points, demonstrations: Demonstrations) -> Points | None:
+    """Return the points that hold in the demonstrations, and warn of the others; None for none."""
     points, problems = those_that_hold(found, demonstrations)
     for problem in problems:
         warnings.warn(

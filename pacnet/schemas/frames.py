@@ -9,7 +9,7 @@ from pacnet.attention.cutting import Size
 from pacnet.core.validation import check_fields, is_integer, is_number
 from pacnet.forward_models.config import AffineForwardModelConfig
 from pacnet.schemas.body import BodyConfig
-from pacnet.schemas.points import Points
+from pacnet.schemas.points import Point, Points
 from pacnet.schemas.scene import pose_dimensions
 
 
@@ -74,6 +74,12 @@ class FramesConfig:
             ),
         }
         check_fields(self, checks)
+
+    @property
+    def perceived(self) -> tuple[Point, ...]:
+        """The landmarks without the places where some stood."""
+        landmarks = self.points.landmarks
+        return landmarks[: len(landmarks) - len(self.put_back)]
 
     @property
     def added(self) -> tuple[str, ...]:

@@ -36,9 +36,11 @@ from pacnet.forward_models import fitting
 from pacnet.forward_models.affine import AffineForwardModel
 from pacnet.forward_models.config import (
     AffineForwardModelConfig,
+    KinematicModelConfig,
     MLPForwardModelConfig,
     TransitionMatrixConfig,
 )
+from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.forward_models.mlp import MLPForwardModel
 from pacnet.forward_models.transition_matrix import TransitionMatrix
 from pacnet.kernels.engine import Engine
@@ -292,6 +294,27 @@ def use_affine(model: AffineForwardModel, percepts: Tensor, targets: Tensor) -> 
     return *command, model(percepts, percepts, targets), model.residual(percepts, targets)
 
 
+def make_body() -> KinematicModel:
+    return KinematicModel(KinematicModelConfig(("shoulder", "elbow"), (0, 1)))
+
+
+def learn_body(model: KinematicModel, percepts: Tensor, targets: Tensor) -> Tensors:
+    """Fit an arm in a plane, of the two lengths that the targets give, and take over the fit."""
+    angles = percepts.detach().double().repeat(4, 1)
+    upper, fore = 1 + targets.detach().double().std(dim=0)[:2]
+    total = angles.sum(dim=1)
+    ways = [upper * angles[:, 0].cos() + fore * total.cos(), upper * angles[:, 0].sin()]
+    places = torch.stack([*ways, fore * total.sin()], dim=1)
+    turns = torch.stack([(total / 2).cos(), 0 * total, 0 * total, (total / 2).sin()], dim=1)
+    fitted, fit = KinematicModel.fitted(model.config.joints, angles, places, turns)
+    model.load_state_dict(fitted.state_dict())
+    return (torch.tensor(fit.place_rms),)
+
+
+def use_body(model: KinematicModel, percepts: Tensor, _targets: Tensor) -> Tensors:
+    return tuple(model(percepts))
+
+
 CASES = {
     "GrowableRows": Case(make_rows, learn_rows, use_rows, checks_input=False, freezes=False),
     "MotorSchemas-cue": Case(
@@ -328,6 +351,7 @@ CASES = {
         make_mlp, learn_mlp, use_forward_model, by_gradient=True, freezes=False
     ),
     "AffineForwardModel": Case(make_affine, learn_affine, use_affine, freezes=False),
+    "KinematicModel": Case(make_body, learn_body, use_body, checks_input=False, freezes=False),
     "TransitionMatrix": Case(make_matrix, learn_matrix, use_forward_model, freezes=False),
 }
 CHECKING = [name for name, case in CASES.items() if case.checks_input]
@@ -470,7 +494,9 @@ def is_refused(module: nn.Module, state: dict[str, Tensor], *, strict: bool) -> 
     return False
 
 
-CHECKED = [name for name in CASES if name.startswith(("Aff", "Habit", "Motor", "Comp", "PACNet"))]
+CHECKED = [
+    name for name in CASES if name.startswith(("Aff", "Habit", "Kin", "Motor", "Comp", "PACNet"))
+]
 
 
 @pytest.mark.parametrize("strict", [True, False])

@@ -199,6 +199,20 @@ def test_its_table_holds_the_shipped_scores():
     assert measured == list(shown.values())
 
 
+def test_the_table_of_babbling_holds_the_shipped_scores():
+    ways = shipped("body/metrics.json")["ways"]
+    table = EXPERIMENTS.split("| learned from 5,000 postures |")[1].split("\n\n")[0]
+    expected = [
+        [
+            f"{way['place_rms_mm']:.1f} mm",
+            f"{way['turn_rms_deg']:.2f}°",
+            f"{way['fit_s']:.1f} s",
+        ]
+        for way in ways.values()
+    ]
+    assert [cells(row)[1:] for row in table.splitlines()[2:]] == expected
+
+
 def test_its_table_of_conditions_holds_the_shipped_scores():
     shipped = PROJECT / "checkpoints/postural_imitation/robustness.json"
     conditions = json.loads(shipped.read_text())["conditions"]

@@ -11,6 +11,7 @@ from pacnet.cli import main
 from train import behaviours, schema_network
 from train.common.expected_findings import expect_findings
 from train.postural import learning
+from train.postural.babbling import recording
 from train.postural.retraining.replicates import Replicate, record
 
 SEED = 11
@@ -22,6 +23,7 @@ RECORDED: dict[str, Callable[[Path], object]] = {
     "behaviours": lambda folder: behaviours.record(folder, SEED, 4),
     "schema_network": lambda folder: schema_network.demonstrate(SEED, folder),
     "retraining": lambda folder: record(DRAWN, folder),
+    "babbling": lambda folder: recording.record(folder, SEED, 300),
 }
 
 

@@ -23,7 +23,11 @@ class PACNetConfig(PreTrainedConfig):
         lead: frames that such a state lies ahead, ≥ 1.
         points: which dimensions of a percept are points, the one that the robot's actions move
             first, such as `["hand=observation.state[0:3]", "goal=observation.goal"]`. None for
-            those that are found by their names, [] for none; see `pacnet.imitator.points`.
+            those that are found by their names, [] for none; see `pacnet.imitator.points`. With a
+            body they are the landmarks alone.
+        body: folder of a `KinematicModel`, which tells where the hand is from the joint angles
+            among the percepts; see `Imitator.from_demonstrations`. None for none, and for that of
+            the policy once it has learned: its imitator keeps it.
         task: what to do, in the words of the demonstrations, whatever task comes with an
             observation; None for that task, and "" for whatever fits.
         normalization_mapping: identity; the imitator scales percepts itself.
@@ -38,6 +42,7 @@ class PACNetConfig(PreTrainedConfig):
     targets: str = "action"
     lead: int = 1
     points: list[str] | None = None
+    body: str | None = None
     task: str | None = None
     normalization_mapping: dict[str, NormalizationMode] = field(
         default_factory=lambda: dict.fromkeys(
@@ -57,6 +62,11 @@ class PACNetConfig(PreTrainedConfig):
         points = [] if self.points is None else self.points
         if not (isinstance(points, list) and all(isinstance(point, str) for point in points)):
             raise ValueError(f"expected policy.points as a list of texts, got {self.points!r}")
+        if self.body is not None and (self.targets != "action" or self.points == []):
+            got = "no points" if self.points == [] else f"policy.targets={self.targets}"
+            raise ValueError(
+                f"expected policy.body with landmarks and policy.targets=action, got {got}"
+            )
 
     @property
     def percept_features(self) -> dict[str, PolicyFeature]:

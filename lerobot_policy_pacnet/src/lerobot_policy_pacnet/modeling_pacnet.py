@@ -173,6 +173,8 @@ class PACNetPolicy(PreTrainedPolicy):
 
     def _save_pretrained(self, save_directory: Path, **kwargs: Any) -> None:
         self._consolidate()
+        if self._training is not None and self._training.keeps_body:
+            self.config.body = None  # its folder is not needed again
         super()._save_pretrained(save_directory, **kwargs)
         if self._training is not None:
             record_parts(Path(save_directory), self._training.save(Path(save_directory)))

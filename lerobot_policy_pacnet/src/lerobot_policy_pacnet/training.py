@@ -20,7 +20,13 @@ from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.frames import Frames, content_of
 from lerobot_policy_pacnet.parts import BASE, IMITATOR, STATE, check_subfolder, read_tensors_part
-from lerobot_policy_pacnet.settings import check_points, check_settings, points_of
+from lerobot_policy_pacnet.settings import (
+    body_kept_by,
+    body_of,
+    check_points,
+    check_settings,
+    points_of,
+)
 from pacnet.core.durable import write_atomically
 from pacnet.core.parts import REMEDY
 from pacnet.datasets.demonstrations import Demonstrations
@@ -37,14 +43,17 @@ class Training:
         dataset: to learn.
         base: the imitator from before this dataset, or None.
         known: digests of demonstrations already learned; they are not learned again.
+        learned: the imitator that has learned a part of this dataset, whose training goes on, or
+            None; its body is kept.
 
     Attributes:
         imitator: what has been learned so far, or None.
         is_finished: whether the whole dataset was learned; its frames are dropped then.
 
     Raises:
-        ValueError: the dataset has other features or another rate than `base`, or the config has
-            other settings.
+        FileNotFoundError: the config names a body that is not there.
+        ValueError: the dataset has other features or another rate than `base`, the config has other
+            settings, or the dataset no angles of the body's joints.
     """
 
     def __init__(
@@ -53,17 +62,20 @@ class Training:
         dataset: DatasetDescription,
         base: Imitator | None = None,
         known: frozenset[str] = frozenset(),
+        learned: Imitator | None = None,
     ) -> None:
         self.config, self.dataset = config, dataset
         self.base, self.known = base, known
-        self.imitator = base
+        self.imitator = learned or base
         self.is_finished = False
         self.frames = Frames(dataset.frames, dataset.percept_dimensions, dataset.action_dimensions)
         self._learned = self._tried = 0  # numbers of frames
-        if base is None:
-            check_points(config, dataset)  # until all frames are there, learning may fail
+        if self.imitator is not None:
+            check_settings(config, self.imitator)
+        self._body = body_of(config) if self.imitator is None else body_kept_by(self.imitator)
+        if base is None:  # until all frames are there, learning may fail
+            check_points(config, self._body, dataset)
         else:
-            check_settings(config, base)
             base.fork().learn(self._demonstrations(()))  # checks its features
 
     def __str__(self) -> str:
@@ -128,8 +140,9 @@ class Training:
         new = self._demonstrations([one for one in shown if content_of(one) not in self.known])
         if self.base is None:
             targets = cast(Any, self.config.targets)
-            points = points_of(self.config)
-            imitator = Imitator.from_demonstrations(new, targets, self.config.lead, points=points)
+            imitator = Imitator.from_demonstrations(
+                new, targets, self.config.lead, points=points_of(self.config), body=self._body
+            )
         else:
             imitator = copy.deepcopy(self.base)
         imitator.learn(new)
@@ -138,6 +151,11 @@ class Training:
             self.known = self.contents()
             self.base, self.is_finished = None, True
             self.frames = Frames(0, 0, 0)
+
+    @property
+    def keeps_body(self) -> bool:
+        """Whether the body that was named is in the imitator, so that it is not needed again."""
+        return self.imitator is not None and body_kept_by(self.imitator) is not None
 
     def contents(self) -> frozenset[str]:
         """Return digests of all demonstrations that the imitator knows."""
@@ -202,15 +220,14 @@ class Training:
     ) -> Training:
         base = Imitator.from_pretrained(folder / BASE) if facts["has_base"] else None
         dataset, known = DatasetDescription(**facts["dataset"]), frozenset(facts["known"])
-        training = cls(config, dataset, base, known)
+        has_learned = _imitators(facts)[IMITATOR]
+        learned = Imitator.from_pretrained(folder / IMITATOR) if has_learned else None
+        training = cls(config, dataset, base, known, learned)
         if facts["finished"]:
             training.is_finished, training.frames = True, Frames(0, 0, 0)
         else:
             training.frames.restore(tensors, facts["tasks"])
         training._learned = training._tried = facts["learned"]
-        if _imitators(facts)[IMITATOR]:
-            training.imitator = Imitator.from_pretrained(folder / IMITATOR)
-            check_settings(config, training.imitator)
         return training
 
     def _demonstrations(self, episodes: Any) -> Demonstrations:
