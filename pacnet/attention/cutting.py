@@ -72,9 +72,10 @@ def carried(places: Array, size: Size, fps: float) -> NDArray[np.bool_]:
     held = _until_left(moves, places[:, 1:] - places[:, :1], _LEFT * size.extent)
     for number in range(held.shape[1]):
         for first, end in runs(held[:, number].astype(np.int64)):
-            place = places[first:end, 1 + number]
-            gone = np.linalg.norm(place - np.median(place, axis=0), axis=1)
-            held[first:end, number] &= np.quantile(gone, _MOSTLY) > _GONE * size.extent
+            way = places[first:end, 1 + number][moves[first:end, number]]  # it may rest for long
+            if len(way):
+                gone = np.linalg.norm(way - np.median(way, axis=0), axis=1)
+                held[first:end, number] = np.quantile(gone, _MOSTLY) > _GONE * size.extent
     return held
 
 
@@ -130,10 +131,14 @@ def _gone_to(distances: Array, moves: NDArray[np.bool_], size: Size) -> NDArray[
 
 
 def _left_for_good(distances: Array, calm: NDArray[np.bool_], size: Size) -> NDArray[np.bool_]:
-    """Return whether the moved point was last at each landmark, and ends elsewhere, `[T, M]`."""
+    """Return whether the moved point was last at each landmark, and ends elsewhere, `[T, M]`.
+
+    One at which it begins it has not come to, so it is still a landmark on the way from there.
+    """
     farthest = np.maximum.accumulate(distances, axis=0)
     near = np.minimum(_NEAR * size.extent, np.maximum(_SHARE * farthest, _CLOSE * size.extent))
-    there = (distances <= near) & calm[:, None]
+    came = (farthest > _CLOSE * size.extent) & (distances <= _APPROACHED * farthest)
+    there = came & (distances <= near) & calm[:, None]
     later = np.logical_or.accumulate(there[::-1], axis=0)[::-1]
     return ~later & there.any(axis=0)
 

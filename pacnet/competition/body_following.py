@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacnet.forward_models.kinematic_arrays import KinematicArrays, ReachWork
-from pacnet.schemas.body import BodyConfig
+from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.segments import NO_SEGMENT
 
 Array = NDArray[np.float64]
@@ -32,6 +32,8 @@ class Body(NamedTuple):
     """Weights of `reach` for the hand itself."""
     carrying: tuple[float, float, int]
     """Weights of `reach` for what it carries."""
+    oriented: NDArray[np.bool_]
+    """Whether each point's orientation is perceived, `[P]`; others turn as the hand does."""
     work: ReachWork
 
 
@@ -52,24 +54,26 @@ class Hold(NamedTuple):
     axes: Array  # [P, 4], how they were turned
 
 
-def body_of(config: BodyConfig, kinematics: KinematicArrays, extent: float) -> Body:
+def body_of(config: FramesConfig, kinematics: KinematicArrays) -> Body:
     """Return what following depends on.
 
     Args:
-        config: of the body.
+        config: of frames, with a body.
         kinematics: what its model has learned.
-        extent: size of the scene.
     """
     from pacnet.forward_models.kinematic_kernels import make_work  # imports numba
 
-    moves = np.zeros(len(config.commands), bool)
+    assert config.body is not None
+    commands, extent = np.array(config.body.commands, np.int64), config.size.extent
+    moves = np.zeros(len(commands), bool)
     moves[kinematics.moving] = True
     return Body(
         kinematics,
-        np.array(config.commands, np.int64),
+        commands,
         moves,
         (_HAND_TURN * extent, _POSTURE * extent, _STEPS),
         (_HELD_TURN * extent, _POSTURE * extent, _STEPS),
+        np.array([bool(point.orientation) for point in config.points]),
         make_work(kinematics),
     )
 

@@ -60,7 +60,7 @@ def follow_with_body(
     if hold.segment[0] != segment:
         _show(last, segments, body, hold.ahead)
     hold.segment[0] = segment
-    _grasp(segments, state, hold)
+    _grasp(segments, state, body, hold)
     if segments.landmark[segment] != WORLD:
         _show(last, segments, body, hold.shown)
         _reach(last, 0.0, segments, state, body, hold, hold.ahead, hold.miss)
@@ -112,7 +112,7 @@ def _show(row, segments, body, posture):
 
 
 @njit
-def _grasp(segments, state, hold):
+def _grasp(segments, state, body, hold):
     """Take the mean of how the hand holds what it carries, since it took it."""
     moved = segments.moved[state.segment[0]]
     if moved != hold.moved[0]:
@@ -124,7 +124,7 @@ def _grasp(segments, state, hold):
     hold.frames[0] += 1
     back = inverse(turn_of(state.turns, 0))
     place = rotate(back, minus(vector_of(state.places, moved), vector_of(state.places, 0)))
-    turn = multiply(back, turn_of(state.turns, moved))
+    turn = multiply(back, turn_of(state.turns, moved)) if body.oriented[moved] else UNTURNED
     alike = 0.0
     for k in range(4):
         alike += hold.turns[0, k] * turn[k]

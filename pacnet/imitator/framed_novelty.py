@@ -101,8 +101,8 @@ def unreached(miss: Array, landmark: int, turns: Array, config: FramesConfig) ->
     turned = float(miss[3]) / _TILTED
     if short >= turned or not point.orientation:
         return NoveltyScore(max(short, turned), point.place[axis], float(miss[axis]), reach)
-    vector = to_vector(turns[1 + landmark])
-    most = min(int(np.abs(vector).argmax()), len(point.orientation) - 1)
+    axis = int(np.abs(to_vector(turns[1 + landmark])).argmax())
+    most = max(0, axis + len(point.orientation) - 3)  # a quaternion begins with w
     return NoveltyScore(turned, point.orientation[most], float(miss[3]), _TILTED)
 
 

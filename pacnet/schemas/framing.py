@@ -134,7 +134,7 @@ def segments_of(
     usual, landmark = _usual(scene, carried, cuts, chains, extent)
     after = successors(chains, landmark, usual)
     frames = cuts["frames"]
-    held = held_in(scene, carried, first, end, config.body is not None)
+    held = held_in(scene, carried, first, end, config)
     origin, axes = landmark_of(scene, landmark.repeat(frames))
     back = conjugate(axes)
     rows, moved = np.arange(len(places)), held.moved.repeat(frames)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.scene import Scene, conjugate, multiply, rotate, to_vector
 
 Array = NDArray[np.float64]
@@ -29,14 +30,14 @@ class Held(NamedTuple):
     place: Array
     """In the hand, `[S, 3]`."""
     turn: Array
-    """Relative to the hand, `[S, 4]`."""
+    """Relative to the hand, `[S, 4]`; 1, 0, 0, 0 where it is not perceived."""
     about_axis: NDArray[np.bool_]
     """Whether only its third axis keeps still in the hand, `[S]`: an object whose turns about
     itself are not perceived."""
 
 
 def held_in(
-    scene: Scene, carried: NDArray[np.bool_], first: Numbers, end: Numbers, with_body: bool
+    scene: Scene, carried: NDArray[np.bool_], first: Numbers, end: Numbers, config: FramesConfig
 ) -> Held:
     """Return what is carried in each segment, and how it is held on average.
 
@@ -45,13 +46,14 @@ def held_in(
         carried: whether each landmark moves, `[R, M]`.
         first: the first row of each segment, `[S]`.
         end: the row after its last one, `[S]`.
-        with_body: whether a body moves the hand; without one nothing is held.
+        config: of frames; without a body nothing is held. What is carried turns as the hand does
+            if its orientation is not perceived.
     """
     count = len(first)
     turn = np.zeros((count, 4))
     turn[:, 0] = 1.0
     held = Held(np.zeros(count, np.int64), np.zeros((count, 3)), turn, np.zeros(count, bool))
-    if not with_body:
+    if config.body is None:
         return held
     shares = np.add.reduceat(carried, first) / (end - first)[:, None]
     for one in np.flatnonzero(shares.max(axis=1) > _MOST):
@@ -59,9 +61,11 @@ def held_in(
         rows = first[one] + np.flatnonzero(carried[first[one] : end[one], number])
         back = conjugate(scene.turns[rows, 0])
         apart = scene.places[rows, 1 + number] - scene.places[rows, 0]
-        turns = multiply(back, scene.turns[rows, 1 + number])
         held.moved[one] = 1 + number
         held.place[one] = rotate(back, apart).mean(axis=0)
+        if not config.points.landmarks[number].orientation:
+            continue
+        turns = multiply(back, scene.turns[rows, 1 + number])
         held.turn[one] = mean_turn(turns)
         held.about_axis[one] = _turns_about_axis(turns, held.turn[one])
     return held

@@ -82,13 +82,13 @@ def segments_from(
     memory, parts = SegmentMemory(2), []
     for number, one in enumerate(percepts):
         sent = np.zeros((len(one), 4)) if actions is None else actions
-        parts.append(framed(one, sent, config, FPS))
+        parts.append(framed(one, sent, config, FPS, None))
         if labels is None:
             memory.append(number, cut(parts[-1].scene.places, config.size, FPS))
         else:
             memory.append(number, labels[number])
     lengths = [len(one) for one in percepts]
-    return segments_of(parts, memory.columns(), shown_of(lengths, **shown), config.size.extent)
+    return segments_of(parts, memory.columns(), shown_of(lengths, **shown), config)
 
 
 def test_segments_are_those_of_the_cuts():

@@ -34,9 +34,11 @@ FEATURES = {
 }
 _ENVIRONMENT, _TARGETS, _SIGHT = 3, 4, 5  # purposes for which seeds are drawn
 
-# A checker reports what jumps and returns as glitches.
-JUMPS = "episodes.spikes*"
-WHY_THEY_JUMP = "postures at random: angles and hand jump from each to the next, 0.2 s later"
+# A checker takes postures that change as much between frames as in an episode for noise.
+NOISE, WHY_NOISE = (
+    "episodes.no_motion*",
+    "postures at random, each held for 0.2 s: no path leads on",
+)
 
 
 class Babble(NamedTuple):
@@ -68,7 +70,7 @@ def record(folder: Path, seed: int, count: int) -> None:
             recorder.save_episode(TASK, rows)
             progress.update(len(rows["action"]))
     environment.close()
-    expect_findings(folder, JUMPS, WHY_THEY_JUMP)
+    expect_findings(folder, NOISE, WHY_NOISE)
 
 
 def load(folder: Path) -> Babble:
