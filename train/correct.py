@@ -6,6 +6,10 @@ still for as long as it is. If it does not succeed, the demonstrator demonstrate
 same situation. The demonstration is recorded and learned in addition to what is known. This repeats
 until the imitator succeeds.
 
+An imitator with a body of its own acts alone, and knows all places within reach. New to it is a
+glass that is out of reach, tipped or absent. It asks for what would help, and acts again once the
+glass stands within reach. It is corrected only where it failed at a known place.
+
 Writes the dataset with the corrections appended, the checkpoint that learned them, a figure and the
 scores of new episodes before and after into `runs/correct/<time>-seed<N>/`. The given dataset and
 checkpoint are not changed.
@@ -14,46 +18,38 @@ checkpoint are not changed.
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from tqdm import tqdm
-
-from envs.glass_offset import draw_offset
-from envs.postural_imitation import PosturalImitationEnv
 from envs.scene import CONTROL_TIMESTEP
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
-from pacnet.datasets.recorder import Recorder
 from pacnet.imitator.imitator import Imitator
 from pacnet.kernels.threads import use_one_thread
 from train.common.runs import command_line, make_parser, run_folder, save_figures, write_metrics
-from train.postural.correction.episodes import (
-    COLUMNS,
-    USUAL,
-    Attempt,
-    Offset,
-    Situation,
-    Turn,
-    annotate,
-    as_demonstration,
-    attempt,
-    attempts,
-    columns_of,
-    demonstrate,
-)
+from train.postural.correction.episodes import USUAL, Attempt, Turn, attempts
 from train.postural.correction.figures import novelty_over_time
-from train.postural.correction.scores import print_scores, print_turn, score_attempts, score_turn
-from train.postural.episodes import FPS, TASK, Condition, make_environment
+from train.postural.correction.places import alone, draw_other_place, draw_places, situations
+from train.postural.correction.scores import (
+    print_questions,
+    print_scores,
+    score_alone,
+    score_attempts,
+    score_turn,
+)
+from train.postural.correction.teaching import ATTEMPTS, correct, correct_failures
+from train.postural.episodes import FPS
 from train.postural.learning import FEATURES
 
-DISTANCE = 0.15  # [m] between a new place and the usual one
-ENOUGH = 5  # consecutive attempts at a new place without a correction
-ATTEMPTS = 20  # most at a place
+OUT_OF_ORDER = {  # of the own glass, and what an imitator that is alone finds then
+    "far": "glass out of reach",
+    "tipped": "glass tipped",
+    "absent": "no glass",
+}
 
-# Purposes for which seeds are drawn.
-_PLACES, _ELSEWHERE, _KNOWN, _NEW, _CORRECTING, _CORRECTED, _OTHERS, _STILL_NEW = range(10, 18)
+# Purposes for which seeds are drawn; 14 is of `train.postural.correction.teaching`.
+_PLACES, _ELSEWHERE, _KNOWN, _NEW = range(10, 14)
+_CORRECTED, _OTHERS, _STILL_NEW, _ALONE = range(15, 19)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -68,7 +64,7 @@ def parse_arguments() -> argparse.Namespace:
         type=int,
         choices=(1, 2, 3),
         default=1,
-        help="number of new places at which it is corrected",
+        help="number of new places at which it is corrected; 1 with a body, which reaches them",
     )
     return parser.parse_args()
 
@@ -80,10 +76,18 @@ def main() -> None:
         imitator = Imitator.from_pretrained(arguments.checkpoint).eval()
         given = load_demonstrations(arguments.dataset)
         check(imitator, given)
+        check_places(imitator, arguments.places)
     except (OSError, ValueError) as error:
         raise SystemExit(f"error: {error}") from error
     with run_folder("correct", arguments.seed, arguments.runs) as folder:
-        run(arguments, imitator, given, folder)
+        go = run_alone if has_body(imitator) else run
+        go(arguments, imitator, given, folder)
+
+
+def has_body(imitator: Imitator) -> bool:
+    """Return whether an imitator has a model of its own body, and acts by itself."""
+    frames = imitator.config.frames
+    return frames is not None and frames.body is not None
 
 
 def check(imitator: Imitator, given: Demonstrations) -> None:
@@ -101,6 +105,15 @@ def check(imitator: Imitator, given: Demonstrations) -> None:
         raise ValueError(
             f"expected the features of the drinking environment at {FPS} frames per second, "
             f"got {', '.join(given.names)} at {given.fps}"
+        )
+
+
+def check_places(imitator: Imitator, places: int) -> None:
+    """Refuse to correct an imitator with a body at new places: there are none within reach."""
+    if has_body(imitator) and places != 1:
+        raise ValueError(
+            f"expected --places only for an imitator without a body, to which places 15 cm away "
+            f"are new; got one that knows all places within reach, and --places {places}"
         )
 
 
@@ -130,25 +143,51 @@ def run(
         "new places, after": attempts(folder / "checkpoint", still_new, "other new places"),
     }
 
-    write_scores(arguments, folder, places, turns, before | after)
+    scores = {kind: score_attempts(episodes) for kind, episodes in (before | after).items()}
+    write_scores(arguments, folder, scores, turns, places_m=places)
     shown = {name: before[f"{name}s, before"][0] for name in ("known place", "new place")}
-    save_figures(folder, {"novelty": novelty_over_time(shown, CONTROL_TIMESTEP)})
-    print(f"\nscores      {folder / 'metrics.json'}\nfigure      {folder / 'novelty.png'}")
-    print(f"checkpoint  {folder / 'checkpoint'}\ndataset     {folder / 'dataset'}")
+    finish(folder, shown)
+
+
+def run_alone(
+    arguments: argparse.Namespace, imitator: Imitator, given: Demonstrations, folder: Path
+) -> None:
+    """Let an imitator with a body act alone where its glass is in order, and where it is not."""
+    use_one_thread()
+    seed, count = arguments.seed, arguments.episodes
+    known = alone((seed, _ALONE), count)
+    tried = {"known places": attempts(arguments.checkpoint, known, "known places")}
+    failed = [one for one, its in zip(known, tried["known places"], strict=True) if not its.success]
+    turns, checkpoint = [], Path(arguments.checkpoint)
+    if failed:
+        turns = correct_failures(imitator, given, failed[:ATTEMPTS], folder / "dataset")
+        checkpoint = folder / "checkpoint"
+        imitator.save_pretrained(checkpoint)
+        tried["known places, after"] = attempts(checkpoint, known, "known places")
+    for number, (own_glass, kind) in enumerate(OUT_OF_ORDER.items()):
+        asking = alone((seed, _ALONE, number), count, own_glass)
+        helped = alone((seed, _ALONE, number), count)  # the same places
+        tried[kind] = attempts(checkpoint, asking, kind)
+        tried[f"{kind}, helped"] = attempts(checkpoint, helped, f"{kind}, helped")
+
+    scores = {kind: score_alone(episodes) for kind, episodes in tried.items()}
+    write_scores(arguments, folder, scores, turns)
+    print_questions(scores)
+    shown = {kind: tried[kind][0] for kind in ("known places", *OUT_OF_ORDER.values())}
+    finish(folder, shown)
 
 
 def write_scores(
     arguments: argparse.Namespace,
     folder: Path,
-    places: list[Offset],
-    turns: list[Turn],
-    kinds: Mapping[str, list[Attempt]],
+    scores: dict[str, dict[str, Any]],
+    turns: Sequence[Turn],
+    **also: Any,
 ) -> None:
-    """Print the scores of all episodes and of the corrections; write `metrics.json`."""
-    scores = {kind: score_attempts(episodes) for kind, episodes in kinds.items()}
+    """Print kind of episodes -> scores; write them and those of corrections to `metrics.json`."""
     learning = [turn.learning for turn in turns if turn.learning is not None]
     corrections = {
-        "places_m": places,
+        **also,
         "corrections": len(learning),
         "learning_s_max": max(learning, default=None),
         "session": [score_turn(turn) for turn in turns],
@@ -158,98 +197,13 @@ def write_scores(
     print_scores(scores)
 
 
-def correct(
-    imitator: Imitator, given: Demonstrations, places: list[Offset], seed: int, dataset: Path
-) -> list[Turn]:
-    """Let the imitator act at the usual place and at each new one, and correct it there.
-
-    Args:
-        imitator: Learns the corrections.
-        given: The demonstrations that it has learned.
-        places: Offsets of the new places [m].
-        seed: Of the run.
-        dataset: New folder for the given demonstrations, followed by the corrections.
-    """
-    environment, turns = make_environment(Condition()), []
-    with Recorder(dataset, FPS, COLUMNS, "postural_imitation") as recorder:
-        for shown in tqdm(given, "copying the dataset", unit="episode"):
-            done = np.arange(len(shown.state)) == len(shown.state) - 1
-            recorder.save_episode(shown.task, columns_of(shown) | annotate(imitator, shown, done))
-        teacher = Teacher(imitator, environment, recorder, given)
-        turns.append(teacher.take_turn(0, situations((seed, _CORRECTING), [USUAL], 1)[0]))
-        for place, offset in enumerate(places, 1):
-            for situation in situations((seed, _CORRECTING, place), [offset], ATTEMPTS):
-                turns.append(teacher.take_turn(place, situation))
-                latest = [turn for turn in turns if turn.place == place][-ENOUGH:]
-                if len(latest) == ENOUGH and all(turn.attempt.is_autonomous for turn in latest):
-                    break
-    return turns
-
-
-class Teacher:
-    """Demonstrate to the imitator wherever it fails.
-
-    Args:
-        imitator: Acts and learns.
-        environment: To act and to demonstrate in.
-        recorder: Of the demonstrations.
-        given: The demonstrations that the imitator has learned.
-    """
-
-    def __init__(
-        self,
-        imitator: Imitator,
-        environment: PosturalImitationEnv,
-        recorder: Recorder,
-        given: Demonstrations,
-    ) -> None:
-        self._imitator, self._environment, self._recorder = imitator, environment, recorder
-        self._given, self._next = given, len(given)
-
-    def take_turn(self, place: int, situation: Situation) -> Turn:
-        """Let the imitator act in a situation; correct it if it failed."""
-        tried = attempt(self._imitator, self._environment, situation)
-        turn = Turn(place, tried, None if tried.is_autonomous else self._correct(situation))
-        print_turn(turn)
-        return turn
-
-    def _correct(self, situation: Situation) -> float:
-        """Demonstrate, record, and let the imitator learn; return the time of learning [s]."""
-        frames, done = demonstrate(self._environment, situation)
-        shown = as_demonstration(self._next, frames)
-        self._recorder.save_episode(TASK, frames | annotate(self._imitator, shown, done))
-        self._next += 1
-        lesson = Demonstrations(FPS, self._given.names, (shown,), self._given.source)
-        began = time.perf_counter()
-        self._imitator.train()
-        self._imitator.learn(lesson, corrections=True)
-        self._imitator.eval()
-        return time.perf_counter() - began
-
-
-def draw_places(seed: Sequence[int], count: int) -> list[Offset]:
-    """Draw offsets of new places [m]; they and the usual one are at least `DISTANCE` apart."""
-    rng = np.random.default_rng(seed)
-    while True:
-        places = np.stack([draw_offset(rng, DISTANCE) for _ in range(count)])
-        apart = np.linalg.norm(places[:, None] - places, axis=2)[np.triu_indices(count, 1)]
-        if (apart >= DISTANCE).all():
-            return [(x, y) for x, y in places.tolist()]
-
-
-def draw_other_place(seed: Sequence[int], corrected: Sequence[Offset]) -> Offset:
-    """Draw the offset of another new place [m], away from those that were corrected."""
-    rng = np.random.default_rng(seed)
-    while True:
-        place = draw_offset(rng, DISTANCE)
-        if np.linalg.norm(place - np.array(corrected), axis=1).min() >= DISTANCE / 2:
-            return (float(place[0]), float(place[1]))
-
-
-def situations(seed: Sequence[int], places: Sequence[Offset], count: int) -> list[Situation]:
-    """Return `count` situations with different seeds, cycling through the places."""
-    seeds = np.random.SeedSequence(seed).generate_state(count).tolist()
-    return [Situation(number, places[i % len(places)]) for i, number in enumerate(seeds)]
+def finish(folder: Path, shown: Mapping[str, Attempt]) -> None:
+    """Draw name -> episode, and print where everything is."""
+    save_figures(folder, {"novelty": novelty_over_time(shown, CONTROL_TIMESTEP)})
+    print(f"\nscores      {folder / 'metrics.json'}\nfigure      {folder / 'novelty.png'}")
+    for name in ("checkpoint", "dataset"):
+        if (folder / name).exists():
+            print(f"{name:12}{folder / name}")
 
 
 if __name__ == "__main__":

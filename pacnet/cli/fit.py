@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pacnet.cli.cuts import cut_pairs, describe_cuts
-from pacnet.cli.fit_usage import check_usage
+from pacnet.cli.fit_usage import check_out, check_usage
 from pacnet.cli.held_out import add_held_out, compare, to_learn
 from pacnet.cli.parsing import (
     Commands,
     add_command,
     add_dataset,
-    check_folder,
     path,
     whole_number,
 )
@@ -130,7 +129,7 @@ def run(arguments: argparse.Namespace) -> None:
     from pacnet.kernels.threads import use_one_thread
 
     folder = checkpoint_folder(arguments.out)
-    _check_out(arguments, folder)
+    check_out(arguments, folder)
     use_one_thread()
     body = body_of(arguments)
     known, demonstrations = _load(arguments)
@@ -149,21 +148,6 @@ def run(arguments: argparse.Namespace) -> None:
     _print(imitator, before, seconds, folder)
     if parted:
         compare(parted, imitator, untrained)
-
-
-def _check_out(arguments: argparse.Namespace, folder: Path) -> None:
-    """Raise a ValueError if writing would replace a checkpoint unasked."""
-    from pacnet.cli.loading import checkpoint_folder
-    from pacnet.core.checkpoint import TENSOR_FILE
-
-    out, origin = arguments.out, arguments.origin
-    check_folder("--out", out)
-    continues = origin is not None and folder.resolve() == checkpoint_folder(origin).resolve()
-    if (folder / TENSOR_FILE).exists() and not continues and not arguments.overwrite:
-        raise ValueError(
-            f"expected a folder without a checkpoint, '{out}' has one: continue from it with "
-            f"--from {out}, or replace it with --overwrite"
-        )
 
 
 def _load(arguments: argparse.Namespace) -> tuple[Imitator | None, Demonstrations]:

@@ -1,9 +1,11 @@
-"""Which options of `pacnet fit` go together."""
+"""Which options of `pacnet fit` go together, and where it may write."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
+from pacnet.cli.parsing import check_folder
 from pacnet.cli.points import NONE
 
 
@@ -13,6 +15,21 @@ def check_usage(arguments: argparse.Namespace) -> None:
     _check_continuing(arguments)
     _check_names(arguments)
     _check_body(arguments)
+
+
+def check_out(arguments: argparse.Namespace, folder: Path) -> None:
+    """Raise a ValueError if writing would replace a checkpoint unasked."""
+    from pacnet.cli.loading import checkpoint_folder
+    from pacnet.core.checkpoint import TENSOR_FILE
+
+    out, origin = arguments.out, arguments.origin
+    check_folder("--out", out)
+    continues = origin is not None and folder.resolve() == checkpoint_folder(origin).resolve()
+    if (folder / TENSOR_FILE).exists() and not continues and not arguments.overwrite:
+        raise ValueError(
+            f"expected a folder without a checkpoint, '{out}' has one: continue from it with "
+            f"--from {out}, or replace it with --overwrite"
+        )
 
 
 def _check_states(arguments: argparse.Namespace) -> None:

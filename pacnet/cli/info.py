@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pacnet.cli.cuts import cut_pairs, describe_cuts
 from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_json
-from pacnet.cli.points import body_text, describe_points, points_text
+from pacnet.cli.points import body_text, describe_joints, describe_points, points_text
 from pacnet.cli.printing import (
     NOTHING,
     counted,
@@ -56,6 +56,7 @@ def describe(checkpoint: str) -> dict[str, Any]:
     """Return a description of a checkpoint, for JSON."""
     from pacnet.cli.loading import existing_checkpoint, kind_of, load_imitator, size_of
     from pacnet.core.checkpoint import read_checkpoint
+    from pacnet.forward_models.kinematics import KinematicModel
     from pacnet.network.network import PACNet
 
     folder = existing_checkpoint(checkpoint)
@@ -65,6 +66,8 @@ def describe(checkpoint: str) -> dict[str, Any]:
         return document | _describe_imitator(load_imitator(folder))
     if kind == "PACNet":
         return document | _describe_network(PACNet.from_pretrained(folder))
+    if kind == "KinematicModel":
+        document["body"] = describe_joints(KinematicModel.from_pretrained(folder).config)
     fields, tensors = read_checkpoint(folder)
     document["numbers"] = sum(tensor.numel() for tensor in tensors.values())
     document["settings"] = {name: field for name, field in fields.items() if name != "model"}
@@ -136,7 +139,10 @@ def _print(document: Mapping[str, Any]) -> None:
         ("checkpoint", f"{document['folder']}: {document['kind']}, {size_text(document['bytes'])}")
     ]
     if "percept" not in document:
+        body = document.get("body")
         settings = [(name, _brief(value)) for name, value in document["settings"].items()]
+        if body is not None:
+            settings = [("body", body_text(body))]
         print_pairs([*pairs, ("numbers", f"{document['numbers']:,}"), *settings])
         return
     is_imitator = "fps" in document

@@ -10,6 +10,7 @@ from pacnet.cli.parsing import path
 from pacnet.cli.printing import counted
 
 if TYPE_CHECKING:
+    from pacnet.forward_models.config import KinematicModelConfig
     from pacnet.forward_models.kinematics import KinematicModel
     from pacnet.imitator.config import ImitatorConfig
     from pacnet.imitator.points import PointsChoice
@@ -60,12 +61,17 @@ def body_of(arguments: argparse.Namespace) -> KinematicModel | None:
 
 
 def describe_body(config: ImitatorConfig) -> dict[str, list[str]] | None:
-    """Return the names of a body's joints, and of those that move the hand; None without a body."""
+    """Return which joints an imitator's body has, as `describe_joints`; None without a body."""
     body = None if config.frames is None else config.frames.body
-    if body is None:
-        return None
-    joints = body.model.joints
-    return {"joints": [*joints], "moving": [joints[number] for number in body.model.moving]}
+    return None if body is None else describe_joints(body.model)
+
+
+def describe_joints(model: KinematicModelConfig) -> dict[str, list[str]]:
+    """Return the names of a body's joints, and of those that move the hand, for JSON."""
+    return {
+        "joints": [*model.joints],
+        "moving": [model.joints[number] for number in model.moving],
+    }
 
 
 def describe_points(config: ImitatorConfig) -> dict[str, Any]:
@@ -107,7 +113,7 @@ def points_text(document: Mapping[str, Any]) -> str:
 
 
 def body_text(document: Mapping[str, Any]) -> str:
-    """Return in words what `describe_body` returned."""
+    """Return in words what `describe_joints` returned."""
     joints, moving = document["joints"], document["moving"]
     if len(moving) == len(joints):
         return f"the hand moves with all of its joints: {', '.join(joints)}"

@@ -44,7 +44,6 @@ class Hold(NamedTuple):
     posture: Array  # [J] [rad], the one commanded last
     shown: Array  # [J] [rad], the one to stay near to
     ahead: Array  # [J] [rad], at the end of the segment
-    anew: Array  # [J] [rad], the same, looked for from the one shown
     off: Array  # [4], by how much the posture is off: along three axes, and turned [rad]
     miss: Array  # [4], by how much the one at the end of the way to a landmark would be
     moved: Numbers  # [1], what is carried, 0 for nothing
@@ -86,7 +85,6 @@ def new_hold(joints: int, points: int) -> Hold:
         posture=np.zeros(joints),
         shown=np.zeros(joints),
         ahead=np.zeros(joints),
-        anew=np.zeros(joints),
         off=np.zeros(4),
         miss=np.zeros(4),
         moved=np.zeros(1, np.int64),

@@ -27,9 +27,9 @@ from pacnet.kernels.turns import (
 from pacnet.schemas.scene import WORLD
 from pacnet.schemas.segments import NO_SEGMENT
 
+ANEW = 5  # times as many steps to find a posture that is not near the last one
 AT = 0.1  # share of the scene's size within which the hand is at a landmark
 FARTHER = 1.5  # times as far from it as was shown, it is at it too
-ANEW = 0.01  # the same by which a posture ahead is off that is looked for anew
 NOWHERE = (0.0, 0.0, 0.0)
 
 
@@ -56,24 +56,33 @@ def follow_with_body(
     segment, row = state.segment[0], state.row[0]
     if segment == NO_SEGMENT:
         return
-    last = segments.end[segment] - 1
-    is_first = hold.segment[0] == NO_SEGMENT
+    is_first, is_new = hold.segment[0] == NO_SEGMENT, hold.segment[0] != segment
+    anew = is_first or state.pauses[0]  # the posture that was found last may lead nowhere
     _locate(is_first, segments, settings, state, hold)
-    if hold.segment[0] != segment:
-        _show(last, segments, body, hold.ahead)
     hold.segment[0] = segment
     _grasp(segments, state, body, hold)
     if segments.landmark[segment] != WORLD:
-        _look_ahead(last, segments, settings, state, body, hold)
+        _look_ahead(is_new or anew, segments, state, body, hold)
     _show(row, segments, body, hold.shown)
     for j in range(len(body.commands)):
-        if is_first or not body.moves[j]:
+        if anew or not body.moves[j]:
             hold.posture[j] = hold.shown[j]
     left = left_of(segments.share[row], state.begun[0])
     _reach(row, left, segments, state, body, hold, hold.posture, hold.off)
     action[:] = segments.action[row]
     for j in range(len(body.commands)):
         action[body.commands[j]] = hold.posture[j]
+
+
+@njit
+def _look_ahead(anew, segments, state, body, hold):
+    """Write by how much the hand would be off at the end of the segment."""
+    last = segments.end[state.segment[0]] - 1
+    _show(last, segments, body, hold.shown)
+    if anew:
+        hold.ahead[:] = hold.shown
+    for _ in range(ANEW if anew else 1):
+        _reach(last, 0.0, segments, state, body, hold, hold.ahead, hold.miss)
 
 
 @njit
@@ -139,29 +148,6 @@ def _grasp(segments, state, body, hold):
         hold.place[k] += (place[k] - hold.place[k]) / hold.frames[0]
     for k in range(4):
         hold.turns[0, k] += turn[k] if alike >= 0 else -turn[k]
-
-
-@njit
-def _look_ahead(last, segments, settings, state, body, hold):
-    """Find the posture at the end of the way, from the one found last; where that is off, anew.
-
-    What was out of reach may have led it to where it finds no way back.
-    """
-    _show(last, segments, body, hold.shown)
-    _reach(last, 0.0, segments, state, body, hold, hold.ahead, hold.miss)
-    off = _size_of(hold.miss, body)
-    if off > ANEW * settings.extent:
-        hold.anew[:] = hold.shown
-        _reach(last, 0.0, segments, state, body, hold, hold.anew, hold.off)
-        if _size_of(hold.off, body) < off / 2:
-            hold.ahead[:] = hold.anew
-            hold.miss[:] = hold.off
-
-
-@njit
-def _size_of(off, body):
-    """Return by how much a posture is off, its turn weighted as a distance."""
-    return math.hypot(norm(vector(off)), body.free[0] * off[3])
 
 
 @njit

@@ -62,6 +62,7 @@ class FramedState(NamedTuple):
     offset_turn: Array  # [3] [rad]
     errors: Array  # [H], how far off it was in the last frames; above 1 it waits
     tries: Numbers  # [1], of these
+    pauses: NDArray[np.bool_]  # [1], whether the last percept was novel, so that nothing was done
     candidate: NDArray[np.bool_]  # [S]
     layout: Array  # [F]
     spread: Array  # [F]
@@ -111,6 +112,7 @@ class FramedFollower:
             offset_turn=np.zeros(3),
             errors=np.zeros(max(1, round(_PATIENCE * fps))),
             tries=np.zeros(1, np.int64),
+            pauses=np.zeros(1, bool),
             candidate=np.zeros(0, bool),
             layout=np.zeros(features),
             spread=np.zeros(features),
@@ -124,6 +126,7 @@ class FramedFollower:
         """Begin a new episode."""
         self.state.seen[0] = 0
         self.state.segment[0] = NO_SEGMENT
+        self.state.pauses[0] = False
         if self.extension is not None:
             self.extension.reset()
         if self.hold is not None:

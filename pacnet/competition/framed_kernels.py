@@ -65,8 +65,13 @@ def follow(places, turns, others, segments, allowed, state, settings, model, act
 
 @njit
 def advance(places, turns, others, segments, allowed, state, settings):
-    """Take in one more percept: choose a motor schema, or go on in it; arguments of `follow`."""
+    """Take in one more percept: choose a motor schema, or go on in it; arguments of `follow`.
+
+    Whoever pauses stays at the place in the sequence, however long that takes.
+    """
     _look(places, turns, settings, state)
+    if state.pauses[0] and state.segment[0] != NO_SEGMENT:
+        return
     if state.segment[0] == NO_SEGMENT:
         _choose(0, ANY, others, segments, allowed, settings.extent, state)
         if state.segment[0] == NO_SEGMENT:

@@ -153,7 +153,7 @@ def landmarks_of(choice: PointsChoice, features: Features) -> tuple[Point, ...]:
         if choice is None or not landmarks:
             raise ValueError(
                 "expected a landmark beside the body's hand, such as "
-                "glass=observation.environment_state[0:3], got none"
+                "cup=observation.environment_state[0:3], got none"
             )
         return landmarks
     landmarks = parse_landmarks(choice, features)

@@ -54,7 +54,7 @@ def framed_step(
         landmark = segments.landmark[state.segment.item()].item()
         missed = unreached(hold.miss, landmark, turns, config)
         found = max(found, missed, key=attrgetter("novelty"))
-    is_novel = not found.novelty <= NOVEL
+    state.pauses[0] = is_novel = not found.novelty <= NOVEL
     segment, row = state.segment.item(), state.row.item()
     target, followed, progress, done, landmark, number = None, (), 0.0, False, None, None
     if segment != NO_SEGMENT:

@@ -99,8 +99,8 @@ def parse_landmarks(
     flat = [point.name for point in landmarks if len(point.place) < 3]
     if flat or not landmarks:
         raise ValueError(
-            f"expected landmarks of 3 dimensions beside a body's hand, each as {_FORM}, got "
-            f"{', '.join(flat) or 'none'}"
+            "expected landmarks of 3 dimensions beside a body's hand, such as "
+            f"cup=observation.environment_state[0:3], got {', '.join(flat) or 'none'}"
         )
     return tuple(landmarks)
 

@@ -200,7 +200,7 @@ def test_a_hand_that_holds_a_landmark_is_not_led_by_it(imitator: Imitator, slip:
 
 def test_a_new_hold_has_room_for_joints_and_points():
     hold = new_hold(4, 3)
-    assert hold.posture.shape == hold.ahead.shape == hold.shown.shape == hold.anew.shape == (4,)
+    assert hold.posture.shape == hold.ahead.shape == hold.shown.shape == (4,)
     assert hold.places.shape == (3, 3)
     assert hold.axes.shape == (3, 4)
     assert hold.segment.tolist() == [NO_SEGMENT]

@@ -95,6 +95,14 @@ def test_what_is_out_of_reach_is_novel_only_while_it_is_there(learned: Imitator)
     assert step.novelty < 0.4
 
 
+def test_whoever_pauses_never_moves_on(learned: Imitator):
+    learned.reset()
+    now = ArmScene(WORLD, np.array(OUT_OF_REACH))
+    steps = [learned.step(now.percept) for _ in range(600)]  # longer than what was shown
+    assert all(step.action is None for step in steps)
+    assert {(step.segment, step.followed) for step in steps} == {(0, steps[0].followed)}
+
+
 def test_what_lies_on_its_side_is_novel(learned: Imitator):
     """The arm cannot roll its hand: it would stay turned otherwise by nearly as much."""
     learned.reset()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,8 +18,11 @@ pytest.importorskip("accelerate", reason="lerobot-train needs the extra lerobot[
 pytest.importorskip("lerobot_policy_pacnet")
 pytest.importorskip("dm_control")
 
+from envs.humanoid import JOINTS as JOINT_NAMES
+from envs.kinematics import BodyKinematics
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.recorder import Recorder
+from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.imitator import Imitator
 from train.postural.behaviours.episodes import TASKS
 from train.postural.episodes import (
@@ -224,6 +228,25 @@ def test_a_killed_training_is_resumed(trained: Path, drinking: Path, where: Path
 
 def test_one_pass_is_enough_to_drink(drinks: float):
     assert drinks >= 0.9
+
+
+def test_a_body_is_learned_with_and_drinks_alone(drinking: Path, where: Path):
+    kinematics, output = BodyKinematics(), where / "alone"
+
+    def hand(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        pose = kinematics.pose(angles)
+        return pose.grip, pose.hand
+
+    body = KinematicModel.from_function(hand, JOINT_NAMES, *kinematics.joint_range.T)
+    body.save_pretrained(where / "body")
+    training = training_of(drinking, "--policy.type=pacnet", f"--output_dir={output}")
+    run("train", *training, f"--policy.body={where / 'body'}", where=where)
+    shutil.rmtree(where / "body")
+    demonstrations = load_demonstrations(drinking)
+    expected = Imitator.from_demonstrations(demonstrations, body=body)
+    expected.learn(demonstrations)
+    assert_learned(checkpoint_in(output), expected)
+    assert success(checkpoint_in(output), "DrinkAlone-v0", where) >= 0.9
 
 
 def test_a_second_behaviour_leaves_the_first(trained: Path, drinks: float, where: Path):

@@ -23,7 +23,7 @@ def run(language: str, code: str, folder: Path) -> None:
     done = subprocess.run(
         [*program, code],
         cwd=folder,
-        env={**os.environ, "PATH": commands, "PYTHONPATH": found},
+        env={**os.environ, "PATH": commands, "PYTHONPATH": found, "CLONE": str(PROJECT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

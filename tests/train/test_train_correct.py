@@ -17,7 +17,8 @@ from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.evaluation.figure_style import VERMILION
 from pacnet.imitator.imitator import Imitator
 from train import correct
-from train.correct import check, draw_other_place, draw_places, situations
+from train.correct import check
+from train.postural.correction import teaching
 from train.postural.correction.episodes import (
     USUAL,
     Attempt,
@@ -28,6 +29,7 @@ from train.postural.correction.episodes import (
     attempts,
 )
 from train.postural.correction.figures import novelty_over_time
+from train.postural.correction.places import draw_other_place, draw_places, situations
 from train.postural.correction.scores import print_scores, print_turn, score_attempts, score_turn
 from train.postural.episodes import FPS
 from train.postural.learning import FEATURES, frames_of, record
@@ -73,27 +75,27 @@ def imitator(given):
 @pytest.fixture(scope="module")
 def corrected(imitator, given, tmp_path_factory):
     """A session in which something goes wrong thrice at the new place, and what it left behind."""
-    succeeds = [RESUMED, *[tried(success=True)] * (correct.ENOUGH - 1)]
+    succeeds = [RESUMED, *[tried(success=True)] * (teaching.ENOUGH - 1)]
     outcomes = iter([KNOWN, PAUSED, tried(), RESUMED, tried(), *succeeds])
     learner, dataset = deepcopy(imitator), tmp_path_factory.mktemp("session") / "dataset"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(correct, "make_environment", lambda _: None)
-        patch.setattr(correct, "attempt", lambda *_: next(outcomes))
+        patch.setattr(teaching, "make_environment", lambda _: None)
+        patch.setattr(teaching, "attempt", lambda *_: next(outcomes))
         patch.setattr(
-            correct,
+            teaching,
             "demonstrate",
             lambda _, situation: (seen(situation.seed % 1000, 0.65), np.arange(FRAMES) > 140),
         )
-        turns = correct.correct(learner, given, [(0.15, 0.0)], 0, dataset)
+        turns = teaching.correct(learner, given, [(0.15, 0.0)], 0, dataset)
     return turns, learner, dataset
 
 
 def test_corrections_continue_until_the_imitator_succeeds(corrected):
     turns, imitator, _ = corrected
-    assert [turn.place for turn in turns] == [0, *[1] * (4 + correct.ENOUGH)]
+    assert [turn.place for turn in turns] == [0, *[1] * (4 + teaching.ENOUGH)]
     learning = [turn.learning for turn in turns]
     assert [seconds is not None for seconds in learning[:5]] == [False, True, True, False, True]
-    assert learning[5:] == [None] * correct.ENOUGH
+    assert learning[5:] == [None] * teaching.ENOUGH
     assert min(learning[1], learning[2], learning[4]) > 0
     assert [(report.dataset, report.episode) for report in imitator.reports] == [
         ("drinking", number) for number in range(6)
@@ -273,7 +275,7 @@ def test_what_was_learned_from_a_few_demonstrations_is_corrected_at_several_plac
     demonstrations, imitator = taught(tmp_path / "dataset", 31, 3)
     before = imitator.novelty_detector.thresholds
     places = draw_places((31, 1), 2)
-    turns = correct.correct(imitator.eval(), demonstrations, places, 31, tmp_path / "corrected")
+    turns = teaching.correct(imitator.eval(), demonstrations, places, 31, tmp_path / "corrected")
     assert {turn.place for turn in turns if turn.learning is not None} >= {1, 2}
     assert (imitator.novelty_detector.thresholds == before).all()
     imitator.save_pretrained(tmp_path / "checkpoint")
@@ -302,7 +304,7 @@ def test_corrections_at_new_places_do_not_harm_known_ones(tmp_path):
     assert set(new["paused_for"]) <= set(GLASS_NAMES)
 
     after, corrected = scores["known places, after"], scores["corrected places, after"]
-    assert 1 <= scores["corrections"] <= correct.ATTEMPTS - correct.ENOUGH
+    assert 1 <= scores["corrections"] <= teaching.ATTEMPTS - teaching.ENOUGH
     assert scores["learning_s_max"] < 1
     assert scores["new places, after"]["paused_in_time_share"] >= 0.95
     assert corrected["success_rate"] >= 0.9

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +13,19 @@ import torch
 from numpy.typing import NDArray
 
 from envs.postural_imitation import PosturalImitationEnv, percept
+from envs.scene import CONTROL_TIMESTEP
 from pacnet.datasets.demonstrations import Demonstration
 from pacnet.datasets.format.features import Feature
 from pacnet.imitator.imitator import Imitator
+from pacnet.imitator.records import ImitatorStep
 from train.common.pool import share_out
+from train.postural.correction.questions import question
 from train.postural.episodes import TASK, Condition, make_environment
 from train.postural.learning import FEATURES, frames_of
 
 Offset = tuple[float, float]  # of the glasses from their usual place [m]
 USUAL: Offset = (0.0, 0.0)
+PATIENCE = 5.0  # [s] that an imitator waits for an answer before its episode ends
 
 COLUMNS = {
     **FEATURES,
@@ -35,6 +40,24 @@ class Situation(NamedTuple):
 
     seed: int
     offset: Offset
+    is_alone: bool = False  # nobody demonstrates; the imitator perceives itself and its own glass
+    own_glass: str = "standing"  # one of `envs.own_glass.OWN_GLASSES`
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Return the options of the environment's reset."""
+        presence = "absent" if self.is_alone else "present"
+        return {
+            "glass_offset": self.offset,
+            "demonstrator": presence,
+            "own_glass": self.own_glass,
+        }
+
+    def perceive(self, observation: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
+        """Return the percept `[28]`: of the demonstrator and its glass, or of its own."""
+        if self.is_alone:
+            return np.concatenate([observation["proprioception"], observation["own_glass"]])
+        return percept(observation)
 
 
 class Pause(NamedTuple):
@@ -44,6 +67,7 @@ class Pause(NamedTuple):
     dimension: str  # of the percept
     deviation: float  # from the known percepts, in the dimension's own unit
     tolerated: float  # largest deviation that is not novel
+    asks: str = ""  # what would help; asked by an imitator that is alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +77,14 @@ class Attempt:
     Attributes:
         novelty: At each step `[T]`; above 1 a percept is novel.
         pause: The first novel step; the imitator holds still for as long as percepts are novel.
-        grasp: Step at which the demonstrator's hand was at its glass.
+        grasp: Step at which the demonstrator's hand was at its glass; None without one.
         contact: Step at which the imitator held its own glass, or None.
         success: Whether the imitator completed the task.
     """
 
     novelty: NDArray[np.float64]
     pause: Pause | None
-    grasp: int
+    grasp: int | None
     contact: int | None
     success: bool
 
@@ -72,8 +96,8 @@ class Attempt:
     @property
     def paused_in_time(self) -> bool:
         """Return whether the imitator paused before any hand was at a glass."""
-        first = self.grasp if self.contact is None else min(self.grasp, self.contact)
-        return self.pause is not None and self.pause.step < first
+        contacts = [step for step in (self.grasp, self.contact) if step is not None]
+        return self.pause is not None and self.pause.step < min(contacts, default=math.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +116,10 @@ class Turn:
 
 
 def attempt(imitator: Imitator, environment: PosturalImitationEnv, situation: Situation) -> Attempt:
-    """Let an imitator act beside the demonstrator; it holds still while something is novel to it.
+    """Let an imitator act; it holds still while something is novel to it.
+
+    Where its own glass is not in order, nobody helps within the episode: it ends `PATIENCE` after
+    the imitator asked.
 
     Args:
         imitator: A trained one.
@@ -100,26 +127,41 @@ def attempt(imitator: Imitator, environment: PosturalImitationEnv, situation: Si
         situation: Of the episode.
     """
     imitator.reset()
-    observation, info = _begin(environment, situation)
-    target, pause, truncated = environment.rest_posture, None, False
+    observation, info = environment.reset(seed=situation.seed, options=situation.options)
+    target, pause, is_over = environment.rest_posture, None, False
     novelty: list[float] = []
     infos = []
-    while not truncated:
-        step = imitator.step(percept(observation))
+    while not is_over:
+        perceived = situation.perceive(observation)
+        step = imitator.step(perceived)
         if step.is_novel and pause is None:
-            pause = Pause(len(novelty), step.dimension, step.deviation, step.threshold)
+            pause = _pause(len(novelty), step, perceived, situation)
         if step.action is not None:
             target = step.action
         novelty.append(step.novelty)
         infos.append(info)
-        observation, _, _, truncated, info = environment.step_to(target)
+        observation, _, _, is_over, info = environment.step_to(target)
+        is_over |= pause is not None and _in_vain(situation, len(novelty) - pause.step)
+    phases = [info["phase"] for info in infos]
     return Attempt(
         novelty=np.array(novelty),
         pause=pause,
-        grasp=[info["phase"] for info in infos].index("grasp"),
+        grasp=phases.index("grasp") if "grasp" in phases else None,
         contact=next((t for t, info in enumerate(infos) if info["glass_held"]), None),
         success=bool(info["is_success"]),
     )
+
+
+def _pause(
+    number: int, step: ImitatorStep, perceived: NDArray[np.float32], situation: Situation
+) -> Pause:
+    asks = question(step, perceived) if situation.is_alone else ""
+    return Pause(number, step.dimension, step.deviation, step.threshold, asks)
+
+
+def _in_vain(situation: Situation, steps: int) -> bool:
+    """Return whether so many steps after the imitator asked, it waits for what does not come."""
+    return situation.own_glass != "standing" and steps * CONTROL_TIMESTEP >= PATIENCE
 
 
 def attempts(checkpoint: str | Path, situations: Sequence[Situation], label: str) -> list[Attempt]:
@@ -156,7 +198,8 @@ def demonstrate(
     Returns:
         The features of T frames, and whether the task was completed after each frame `[T]`.
     """
-    observation, _ = _begin(environment, situation)
+    options = {"glass_offset": situation.offset}
+    observation, _ = environment.reset(seed=situation.seed, options=options)
     percepts, done, truncated = [percept(observation)], [], False
     while not truncated:
         observation, _, _, truncated, info = environment.step_to(environment.rest_posture)
@@ -193,9 +236,3 @@ def annotate(
         "winner": np.array([[sofm.read_one(row)[0].winner] for row in percepts]),
         "next.success": done[:, None],
     }
-
-
-def _begin(
-    environment: PosturalImitationEnv, situation: Situation
-) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
-    return environment.reset(seed=situation.seed, options={"glass_offset": situation.offset})

@@ -1,4 +1,4 @@
-"""The novelty of a known and a new situation to an imitator, over time."""
+"""The novelty of known and new situations to an imitator, over time."""
 
 from __future__ import annotations
 
@@ -7,23 +7,21 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from pacnet.evaluation.figure_style import BLUE, GREY, VERMILION, new_figure, tidy
+from pacnet.evaluation.figure_style import COLOURS, GREY, new_figure, tidy
 from train.postural.correction.episodes import Attempt
-
-_COLOURS = (BLUE, VERMILION)
 
 
 def novelty_over_time(attempts: Mapping[str, Attempt], timestep: float) -> Figure:
     """Draw the novelty of episodes, with the pause and the contact with the glass marked.
 
     Args:
-        attempts: Name -> episode, two of them.
+        attempts: Name -> episode, up to six of them.
         timestep: Time from one step to the next [s].
     """
     figure = new_figure(7.5, 3.8)
     axes = figure.subplots()
     tidy(axes, "Novelty of percepts", "time [s]", "novelty, in tolerances")
-    for (name, attempt), colour in zip(attempts.items(), _COLOURS, strict=True):
+    for (name, attempt), colour in zip(attempts.items(), COLOURS, strict=False):
         times = timestep * np.arange(len(attempt.novelty))
         axes.plot(times, attempt.novelty, color=colour, linewidth=1.2, label=name)
         if attempt.pause is not None:
@@ -44,10 +42,10 @@ def novelty_over_time(attempts: Mapping[str, Attempt], timestep: float) -> Figur
                 linestyle=":",
                 label="imitator's hand at its glass",
             )
-    grasp = max(attempt.grasp for attempt in attempts.values())
-    axes.axvline(
-        timestep * grasp, color=GREY, linestyle="--", label="demonstrator's hand at its glass"
-    )
+    grasps = [attempt.grasp for attempt in attempts.values() if attempt.grasp is not None]
+    if grasps:
+        at, label = timestep * max(grasps), "demonstrator's hand at its glass"
+        axes.axvline(at, color=GREY, linestyle="--", label=label)
     axes.axhline(1, color=GREY, linewidth=1, label="novel above")
     axes.set_ylim(bottom=0)
     figure.legend(frameon=False, fontsize=9, loc="outside lower center", ncols=3)

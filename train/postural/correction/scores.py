@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from envs.scene import CONTROL_TIMESTEP
-from train.postural.correction.episodes import Attempt, Turn
+from train.postural.correction.episodes import Attempt, Pause, Turn
 
 _SHOWN = ("episodes", "success_rate", "paused_share", "paused_in_time_share", "novelty_median")
 
@@ -28,6 +28,25 @@ def score_attempts(attempts: Sequence[Attempt]) -> dict[str, Any]:
         "novelty_median": median(largest),
         "novelty_max": max(largest),
     }
+
+
+def score_alone(attempts: Sequence[Attempt]) -> dict[str, Any]:
+    """Return the scores of episodes of one kind, and what was named and asked in them."""
+    pauses = [attempt.pause for attempt in attempts if attempt.pause is not None]
+    after = [int((a.novelty[a.pause.step :] <= 1).sum()) for a in attempts if a.pause is not None]
+    return score_attempts(attempts) | {
+        "named": {name: _named(name, pauses) for name in sorted({p.dimension for p in pauses})},
+        "actions_after_pause_max": max(after, default=None),
+        "asks": pauses[0].asks if pauses else None,
+    }
+
+
+def print_questions(scores: Mapping[str, Mapping[str, Any]]) -> None:
+    """Print what was asked first in each kind of episodes -> scores, where anything was."""
+    print()
+    for kind, score in scores.items():
+        if score["asks"] is not None:
+            print(f"{kind}: {score['asks']}")
 
 
 def score_turn(turn: Turn) -> dict[str, Any]:
@@ -57,6 +76,19 @@ def print_scores(scores: Mapping[str, Mapping[str, Any]]) -> None:
         numbers = (score[name] for name in _SHOWN)
         cells = (f"{n:22d}" if isinstance(n, int) else f"{n:22.3f}" for n in numbers)
         print(f"{kind:28}" + "".join(cells))
+
+
+def _named(dimension: str, pauses: Sequence[Pause]) -> dict[str, Any]:
+    """Return in how many episodes a dimension was novel, and by how much it was off there."""
+    off = [pause.deviation for pause in pauses if pause.dimension == dimension]
+    tolerated = max(pause.tolerated for pause in pauses if pause.dimension == dimension)
+    return {
+        "episodes": len(off),
+        "deviation_min": min(off),
+        "deviation_median": median(off),
+        "deviation_max": max(off),
+        "tolerated": tolerated,
+    }
 
 
 def _describe(attempt: Attempt) -> str:
