@@ -17,7 +17,8 @@ def print_tables(summary: Mapping[str, Mapping[str, Summary]]) -> None:
     print("\ncalled new, share of episodes")
     for name, share in summary["novelty"].items():
         what = "before the hand is there" if name in STRANGE else "in any step, a false alarm"
-        print(f"{'glass ' if name in STRANGE else ''}{name}, {what:<40}{_text(share, 1)}")
+        label = f"{'glass ' if name in STRANGE else ''}{name}, {what}"
+        print(f"{label:<52}{_text(share, 1)}")
     shares = summary["mirror"]
     print(
         f"\nthe node of the other's grasp wins {_text(shares['own'], 1)} of the own grasp, ", end=""
