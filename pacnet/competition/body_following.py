@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pacnet.forward_models.kinematic_arrays import KinematicArrays, ReachWork
 from pacnet.schemas.frames import FramesConfig
-from pacnet.schemas.segments import NO_SEGMENT
+from pacnet.schemas.segments import NO_SEGMENT, Segments
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -17,6 +17,7 @@ Numbers = NDArray[np.int64]
 # In shares of the scene's size for each rad: what a place may be off for the sake of a turn, and
 # for the sake of the posture shown.
 _HAND_TURN, _HELD_TURN, _POSTURE = 0.02, 0.06, 0.02
+_FASTER = 2.0  # times as fast as a joint was shown to move, it may move
 _STEPS = 4  # of damped least squares, from the posture found last
 
 
@@ -32,6 +33,8 @@ class Body(NamedTuple):
     """Weights of `reach` for the hand itself."""
     carrying: tuple[float, float, int]
     """Weights of `reach` for what it carries."""
+    fastest: float
+    """Change of a commanded angle in a frame, at most [rad]."""
     work: ReachWork
 
 
@@ -52,12 +55,13 @@ class Hold(NamedTuple):
     axes: Array  # [P, 4], how they were turned
 
 
-def body_of(config: FramesConfig, kinematics: KinematicArrays) -> Body:
+def body_of(config: FramesConfig, kinematics: KinematicArrays, segments: Segments) -> Body:
     """Return what following depends on.
 
     Args:
         config: of frames, with a body.
         kinematics: what its model has learned.
+        segments: of all demonstrations.
     """
     from pacnet.forward_models.kinematic_kernels import make_work  # imports numba
 
@@ -71,8 +75,32 @@ def body_of(config: FramesConfig, kinematics: KinematicArrays) -> Body:
         moves,
         (_HAND_TURN * extent, _POSTURE * extent, _STEPS),
         (_HELD_TURN * extent, _POSTURE * extent, _STEPS),
+        _FASTER * _fastest(segments, commands),
         make_work(kinematics),
     )
+
+
+def _fastest(segments: Segments, commands: Numbers) -> float:
+    """Return the largest change of a commanded angle from frame to frame that was shown [rad]."""
+    changes = np.abs(np.diff(segments.action[:, commands], axis=0))
+    begins = np.flatnonzero(np.diff(segments.demonstration)) + 1
+    changes[segments.first[begins] - 1] = 0.0  # from the end of a demonstration to the next
+    return float(changes.max(initial=0.0))
+
+
+def limited(wanted: Array, body: Body, before: Array | None, angles: NDArray[np.floating]) -> Array:
+    """Return the action `[U]`, not more than `body.fastest` from the posture commanded before.
+
+    Args:
+        wanted: action, which changes.
+        body: see `Body`.
+        before: the last command `[J]` [rad]; None where nothing was commanded.
+        angles: that are perceived, `[J]` [rad]: where the robot is then.
+    """
+    at = angles.astype(np.float64) if before is None else before
+    change = (wanted[body.commands] - at).clip(-body.fastest, body.fastest)
+    wanted[body.commands] = at + change
+    return wanted
 
 
 def new_hold(joints: int, points: int) -> Hold:

@@ -29,6 +29,7 @@ from pacnet.schemas.segments import NO_SEGMENT
 
 ANEW = 5  # times as many steps to find a posture that is not near the last one
 AT = 0.1  # share of the scene's size within which the hand is at a landmark
+FARTHER = 1.5  # times as far from it as was shown, it is at it too
 NOWHERE = (0.0, 0.0, 0.0)
 
 
@@ -57,7 +58,7 @@ def follow_with_body(
         return
     is_first, is_new = hold.segment[0] == NO_SEGMENT, hold.segment[0] != segment
     anew = is_first or state.pauses[0]  # the posture that was found last may lead nowhere
-    _locate(is_first, settings, state, hold)
+    _locate(is_first, segments, settings, state, hold)
     hold.segment[0] = segment
     _grasp(segments, state, hold)
     if segments.landmark[segment] != WORLD:
@@ -85,15 +86,21 @@ def _look_ahead(anew, segments, state, body, hold):
 
 
 @njit
-def _locate(is_first, settings, state, hold):
+def _locate(is_first, segments, settings, state, hold):
     """Take in where landmarks are, unless the hand is at them: then they may move with it.
 
-    A hand that is led by what it holds itself would never stop.
+    A hand that is led by what it holds itself would never stop. An object may be held far from its
+    middle, as it was shown at the end of the way to it.
     """
-    hand = vector_of(state.places, 0)
+    segment, hand = state.segment[0], vector_of(state.places, 0)
+    mark = segments.landmark[segment] + 1
+    shown = norm(vector_of(segments.place, segments.end[segment] - 1))
     for i in range(len(hold.places)):
         apart = norm(minus(vector_of(state.places, i), hand))
-        if not is_first and apart <= AT * settings.extent:
+        at = AT * settings.extent
+        if i == mark and segments.moved[segment] == 0:
+            at = max(at, FARTHER * shown)
+        if not is_first and apart <= at:
             continue
         hold.places[i] = state.places[i]
         share = 1.0 if is_first else settings.smoothing[i, 0]

@@ -85,6 +85,7 @@ class FramedFollower:
         state: see `FramedState`.
         hold: see `Hold`; None without a body.
         extension: appends to percepts what they imply; None before anything was learned.
+        command: the posture commanded last, of a body [rad]; None where there was none.
     """
 
     def __init__(self, config: FramesConfig, actions: int, fps: float) -> None:
@@ -98,6 +99,7 @@ class FramedFollower:
         )
         features = 3 * points * (points - 1) // 2 + 6 * points + len(config.others)
         self.extension: PerceptExtension | None = None
+        self.command: Array | None = None
         self.hold = None if config.body is None else new_hold(len(config.body.commands), points)
         self.state = FramedState(
             seen=np.zeros(1, np.int64),
@@ -127,6 +129,7 @@ class FramedFollower:
         self.state.seen[0] = 0
         self.state.segment[0] = NO_SEGMENT
         self.state.pauses[0] = False
+        self.command = None
         if self.extension is not None:
             self.extension.reset()
         if self.hold is not None:

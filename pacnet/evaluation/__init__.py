@@ -4,7 +4,12 @@ The figures need matplotlib; import them from `map_figures` and `recognition_fig
 """
 
 from pacnet.evaluation.held_out import HeldOutScores, Split, score, splits
-from pacnet.evaluation.metrics import PathDistances, area_between_curves, path_distances
+from pacnet.evaluation.metrics import (
+    PathDistances,
+    aligned_distance,
+    area_between_curves,
+    path_distances,
+)
 from pacnet.evaluation.neighbours import NearestNeighbours, RepeatLast
 from pacnet.evaluation.pca import PrincipalComponents
 from pacnet.evaluation.recognized import RecognizedEpisode
@@ -17,6 +22,7 @@ __all__ = [
     "RecognizedEpisode",
     "RepeatLast",
     "Split",
+    "aligned_distance",
     "area_between_curves",
     "path_distances",
     "score",

@@ -28,6 +28,7 @@ Features = Mapping[str, tuple[str, ...]]
 HAND = "hand"
 _ANGLES = ("pos", "position", "angle", "q")  # ends of the names of angles
 _IMPLIED = "observation.implied"  # feature of what a percept implies
+_NOISE = 0.1  # [rad], of an angle that was not moved
 _STILL = (1.0, 1.0)  # smoothing of a place that is remembered: it is a mean
 
 
@@ -86,7 +87,7 @@ def body_config(body: KinematicModel, demonstrations: Demonstrations) -> BodyCon
     names, joints = demonstrations.percept_features, body.config.joints
     config = named_angles(body.config, names, demonstrations.action_names)
     lowest, highest = body.lowest.numpy(), body.highest.numpy()
-    reach = highest - lowest  # noise may exceed a range, degrees do so by far
+    reach = highest - lowest + _NOISE  # noise may exceed a range, degrees do so by far
     for shown in demonstrations:
         angles = shown.percepts[:, list(config.angles)].double().numpy()
         away = np.maximum(lowest - angles, angles - highest).max(axis=0) > reach

@@ -190,7 +190,7 @@ class FramedSchemas(nn.Module):
         """Return what finds actions."""
         config, kinematics = self.config, self._kinematics()
         if config.body is not None and kinematics is not None:
-            return body_of(config, kinematics)
+            return body_of(config, kinematics, segments)
         assert self.forward_model is not None
         return for_frames(self.forward_model.arrays(), segments, config)
 

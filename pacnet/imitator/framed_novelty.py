@@ -91,19 +91,18 @@ def unreached(miss: Array, landmark: int, turns: Array, config: FramesConfig) ->
 
     Returns:
         The distance from the place that can be reached, in the dimension where it is largest, or
-        by how much the hand would be turned, in the landmark's own dimension that is turned most;
-        in the hand's where it is not perceived how the landmark is turned.
+        by how much the hand would be turned, in the landmark's own dimension that is turned most.
+        Of a landmark whose orientation is not perceived only the place counts.
     """
     if landmark == WORLD:
         return NoveltyScore(0.0, 0, 0.0, 1.0)
-    mark, reach = config.points.landmarks[landmark], _REACH * config.size.extent
+    point, reach = config.points.landmarks[landmark], _REACH * config.size.extent
     axis = int(np.abs(miss[:3]).argmax())
     short = float(np.linalg.norm(miss[:3])) / reach
-    turned = float(miss[3]) / _TILTED
+    turned = float(miss[3]) / _TILTED if point.orientation else 0.0
     if short >= turned:
-        return NoveltyScore(short, mark.place[axis], float(miss[axis]), reach)
-    point, turn = (mark, 1 + landmark) if mark.orientation else (config.points.moved, 0)
-    axis = int(np.abs(to_vector(turns[turn])).argmax())
+        return NoveltyScore(short, point.place[axis], float(miss[axis]), reach)
+    axis = int(np.abs(to_vector(turns[1 + landmark])).argmax())
     most = max(0, axis + len(point.orientation) - 3)  # a quaternion begins with w
     return NoveltyScore(turned, point.orientation[most], float(miss[3]), _TILTED)
 

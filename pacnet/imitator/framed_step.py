@@ -7,10 +7,11 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.competition.body_following import Body, limited
 from pacnet.imitator.cuts import landmark_name
 from pacnet.imitator.framed import FramedKnown
 from pacnet.imitator.framed_novelty import score, unreached
-from pacnet.imitator.novelty import NOVEL
+from pacnet.imitator.novelty import NOVEL, NoveltyScore
 from pacnet.imitator.records import Followed, ImitatorStep
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.scene import scene_at
@@ -33,32 +34,17 @@ def framed_step(
         names: of the percept's dimensions, and of what it implies.
         end_frames: frames before the last one of a demonstration from which it is done.
     """
-    from pacnet.competition.body_kernels import follow_with_body  # imports numba
-    from pacnet.competition.framed_kernels import follow
-
-    extension = known.follower.extension
-    assert extension is not None
-    places, turns = scene_at(extension(percept), config.points)
-    others = percept[list(config.others)].astype(np.float64) / config.ranges
     segments, state = known.segments, known.follower.state
-    wanted, settings = np.empty(segments.action.shape[1]), known.follower.settings
-    seen, hold = (places, turns, others), known.follower.hold
-    if hold is not None:
-        follow_with_body(
-            *seen, segments, known.allowed, state, settings, known.model, hold, wanted
-        )  # fmt: skip
-    else:
-        follow(*seen, segments, known.allowed, state, settings, known.model, wanted)
-    found = score(places, others, known.bounds, config)
-    if hold is not None:
-        landmark = segments.landmark[state.segment.item()].item()
-        missed = unreached(hold.miss, landmark, turns, config)
-        found = max(found, missed, key=attrgetter("novelty"))
+    wanted, found = _follow(percept, known, config)
     state.pauses[0] = is_novel = not found.novelty <= NOVEL
     segment, row = state.segment.item(), state.row.item()
     target, followed, progress, done, landmark, number = None, (), 0.0, False, None, None
     if segment != NO_SEGMENT:
         demonstration = segments.demonstration[segment].item()
+        if isinstance(known.model, Body) and config.body is not None:
+            angles, before = percept[list(config.body.angles)], known.follower.command
+            wanted = limited(wanted, known.model, before, angles)
+            known.follower.command = None if is_novel else wanted[known.model.commands]
         target = wanted.astype(np.float32)
         followed = (Followed(demonstration, row - known.first[demonstration].item(), 1.0),)
         begin, end = segments.chain_around(segment)
@@ -81,3 +67,27 @@ def framed_step(
         landmark,
         number,
     )
+
+
+def _follow(
+    percept: NDArray[np.float32], known: FramedKnown, config: FramesConfig
+) -> tuple[NDArray[np.float64], NoveltyScore]:
+    """Return the action at one percept, if a segment is followed then, and what is most novel."""
+    from pacnet.competition.body_kernels import follow_with_body  # imports numba
+    from pacnet.competition.framed_kernels import follow
+
+    extension = known.follower.extension
+    assert extension is not None
+    places, turns = scene_at(extension(percept), config.points)
+    others = percept[list(config.others)].astype(np.float64) / config.ranges
+    segments, state, settings = known.segments, known.follower.state, known.follower.settings
+    wanted, hold = np.empty(segments.action.shape[1]), known.follower.hold
+    arguments = (places, turns, others, segments, known.allowed, state, settings, known.model)
+    if hold is None:
+        follow(*arguments, wanted)
+        return wanted, score(places, others, known.bounds, config)
+    follow_with_body(*arguments, hold, wanted)
+    found = score(places, others, known.bounds, config)
+    landmark = segments.landmark[state.segment.item()].item()
+    missed = unreached(hold.miss, landmark, turns, config)
+    return wanted, max(found, missed, key=attrgetter("novelty"))

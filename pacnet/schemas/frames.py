@@ -55,6 +55,7 @@ class FramesConfig:
         one_of_both = (model is None) != (self.body is None)
         states = pose if model is None else model.state_dimensions
         seen = len(self.points.landmarks) - len(back)
+        parts = len(self.points.moved.place), len(self.points.moved.orientation)
         checks = {
             "size": (all(is_number(one) and one > 0 for one in self.size), "above 0"),
             "smoothing": (
@@ -66,6 +67,10 @@ class FramesConfig:
             "forward_model": (
                 one_of_both and states == pose,
                 f"of the {pose} dimensions of the moved point, or a body",
+            ),
+            "body": (
+                self.body is None or parts == (3, 4),
+                f"that tells place and quaternion of the moved point, which has {parts} dimensions",
             ),
             "put_back": (
                 all(is_integer(one, 0) and one < seen for one in back)

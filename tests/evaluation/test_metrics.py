@@ -6,7 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pacnet.evaluation.metrics import area_between_curves, path_distances
+from pacnet.evaluation.metrics import (
+    _alignment,
+    aligned_distance,
+    area_between_curves,
+    path_distances,
+)
 
 
 def circle(radius: float, points: int) -> np.ndarray:
@@ -90,10 +95,79 @@ def test_path_distances_of_the_same_instant():
     assert path_distances(a, b).maximum == 5.0
 
 
+def test_alignment_of_a_detour_by_hand():
+    # 0 with 0; 1 with the detour (1, 3), 3 away, and nothing else; 2 with 2.
+    reference, path = [[0.0, 0], [1, 0], [2, 0]], [[0.0, 0], [1, 3], [2, 0]]
+    assert aligned_distance(reference, path) == pytest.approx(3 / 3)
+    # The detour comes and goes: (1, 0) has partners at 0, 3 and 0, of which the mean is 1.
+    path = [[0.0, 0], [1, 0], [1, 3], [1, 0], [2, 0]]
+    assert aligned_distance(reference, path) == pytest.approx(1 / 3)
+    # 1 goes to 0.2, which is nearer than 2.
+    assert aligned_distance([[0.0], [1], [2]], [[0.2], [2.0]]) == pytest.approx((0.2 + 0.8 + 0) / 3)
+
+
+def test_alignment_keeps_the_order():
+    there_and_back = [[0.0], [1], [0]]
+    # Any order would give 0; in order, 1 or 0 has to be left unmatched for one point.
+    assert aligned_distance(there_and_back, [[0.0], [0], [1]]) == pytest.approx(1 / 3)
+
+
+def test_a_path_that_waits_or_is_slow_is_as_near():
+    time = np.linspace(0, 1, 41)
+    slow, quick = (np.stack([t, np.sin(5 * t)], axis=1) for t in (time, time[::2]))
+    assert aligned_distance(quick, quick) == 0
+    assert aligned_distance(quick, np.repeat(quick, 3, axis=0)) == 0
+    waits = np.concatenate([slow, np.repeat(slow[-1:], 400, axis=0)])
+    assert aligned_distance(slow, waits) == 0
+    up = np.array([0.0, 0.3])
+    apart = aligned_distance(slow, slow + up)
+    assert aligned_distance(slow, waits + up) == pytest.approx(apart, abs=0.02)
+
+
+def test_a_path_that_stays_is_as_far_as_the_reference_goes():
+    reference = np.array([[0.0, 0], [3, 4], [0, 0]])
+    assert aligned_distance(reference, [[0.0, 0]]) == pytest.approx(5 / 3)
+    assert aligned_distance([[0.0, 0]], reference) == pytest.approx(5 / 3)
+
+
+def test_the_alignment_has_the_smallest_sum_of_all():
+    def least(distances: np.ndarray) -> float:
+        """Try every alignment."""
+        rows, columns = distances.shape
+        if rows == columns == 1:
+            return distances[0, 0]
+        rests = [distances[a:, b:] for a, b in ((1, 0), (0, 1), (1, 1)) if a < rows and b < columns]
+        return distances[0, 0] + min(least(rest) for rest in rests)
+
+    rng = np.random.default_rng(5)
+    for rows, columns in ((1, 4), (4, 1), (4, 5), (5, 3)):
+        distances = rng.uniform(size=(rows, columns))
+        at, to = _alignment(distances)
+        assert distances[at, to].sum() == pytest.approx(least(distances))
+        assert (at[0], to[0], at[-1], to[-1]) == (0, 0, rows - 1, columns - 1)
+        steps = np.stack([np.diff(at), np.diff(to)])
+        assert steps.min() >= 0
+        assert set(steps.max(axis=0).tolist()) <= {1}
+
+
+@pytest.mark.parametrize(
+    ("reference", "path", "message"),
+    [
+        (np.zeros((3, 3)), np.zeros((4, 2)), r"the path as numbers \[T, 3\], got .*\(4, 2\)"),
+        (np.zeros((0, 3)), np.zeros((4, 3)), "at least one sample"),
+        (np.zeros((3, 3)), np.zeros((0, 3)), "a path of at least one sample"),
+        (np.zeros((3, 3)), np.full((3, 3), np.nan), "NaN or infinity"),
+    ],
+)
+def test_paths_that_cannot_be_aligned_are_refused(reference, path, message):
+    with pytest.raises(ValueError, match=message):
+        aligned_distance(reference, path)
+
+
 def test_inputs_stay_as_they_are():
     a, b = np.random.default_rng(4).normal(size=(2, 5, 3))
     copies = a.copy(), b.copy()
-    for measure in (area_between_curves, path_distances):
+    for measure in (area_between_curves, path_distances, aligned_distance):
         measure(a, b)
     for value, copy in zip((a, b), copies, strict=True):
         np.testing.assert_array_equal(value, copy)

@@ -209,6 +209,26 @@ def test_an_object_that_is_moved_meanwhile_is_followed(plain: Imitator):
     assert now.missed < PUT_BACK
 
 
+def test_no_angle_is_commanded_twice_as_fast_as_was_shown(plain: Imitator):
+    """Not when the object jumps, nor when the arm is elsewhere at the beginning."""
+    shown_actions = plain.memory.shown().targets[:, :4]
+    fastest = 2 * np.abs(np.diff(shown_actions, axis=0)).max()
+    plain.reset()
+    now = ArmScene(PLAIN, np.array(ELSEWHERE[0]))
+    now.move(np.append(now.angles + 0.4, 1.0))
+    commands = [now.angles]
+    for frame in range(60):
+        if frame == 30:
+            now.thing = now.stood = np.array(ELSEWHERE[1])
+        step = plain.step(now.percept)
+        assert step.target is not None
+        commands.append(step.target[:4])
+        now.move(step.target)
+    changes = np.abs(np.diff(commands, axis=0)).max(axis=1)
+    assert changes.max() <= fastest + 1e-6
+    assert changes.max() > 0.9 * fastest  # it would be faster otherwise
+
+
 def test_what_it_holds_does_not_lead_the_hand_away(plain: Imitator):
     """An object that sticks to the hand from the moment that this is there.
 

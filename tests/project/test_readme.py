@@ -287,3 +287,23 @@ def test_the_table_of_the_schema_network_holds_the_shipped_scores():
         " / ".join(f"{systems[name][kind]['switches']:.1f}" for kind in ("drink", "toast", "move"))
         for name in ("schema network", "PACNet")
     ]
+
+
+def mean_text(summary: dict | None, factor: float, digits: int) -> str:
+    """Return a mean as tables have it, with the standard deviation over several replicates."""
+    if summary is None:
+        return "–"
+    spread = f" ± {factor * summary['std']:.{digits}f}" if len(summary["values"]) > 1 else ""
+    return f"{factor * summary['mean']:.{digits}f}{spread}"
+
+
+def test_the_tables_of_who_acts_alone_hold_the_shipped_scores():
+    scores = shipped("postural_imitation/alone.json")["alone"]
+    for name, factor, digits in (("success", 1, 2), ("distance_m", 100, 1)):
+        title = {"success": "success", "distance_m": "wrist path [cm]"}[name]
+        table = EXPERIMENTS.split(f"| {title} |")[1].split("\n\n")[0].splitlines()
+        scenes = [cell.strip() for cell in table[0].strip("|").split("|")]
+        for row, *shown in map(cells, table[2:]):
+            summaries = [scores[name].get(f"{scene} | {row}") for scene in scenes]
+            expected = [mean_text(summary, factor, digits) for summary in summaries]
+            assert shown == expected, row

@@ -12,9 +12,23 @@ from training_runs import interrupt, only_run
 
 from pacnet import PACNet
 from pacnet.datasets.demonstrations import load_demonstrations
+from train.postural.alone.learning import FOLDERS
+from train.postural.alone.scenes import (
+    ALONE,
+    COPYING,
+    LEAVES,
+    OURS,
+    OURS_ONE,
+    PRESENT,
+    REPLAY,
+    SCENES,
+    STRANGE,
+    USUAL,
+)
 from train.postural.episodes import LEAD, demonstration_seeds, motor_targets, recall_seeds
 
 PROJECT = Path(__file__).parents[2]
+PAPER_FIGURES = ("percepts", "map", "winners", "wrists")
 SHIPPED = PROJECT / "checkpoints" / "postural_imitation"
 
 
@@ -62,14 +76,38 @@ def test_a_run_writes_all_its_files(two_runs: list[Path]):
     names = {path.name for path in folder.iterdir()}
     assert {"dataset", "checkpoint", "figures", "tensorboard", "metrics.json"} <= names
     figures = {path.stem for path in (folder / "figures").iterdir()}
-    assert figures == {"percepts", "map", "winners", "wrists"}
+    assert figures == {*PAPER_FIGURES, "alone", "alone_wrists", "mirror"}
     scores = json.loads((folder / "metrics.json").read_text())
     assert scores["recall_episodes"] == 4
     assert scores["task_success_rate"] == 1.0
     assert scores["wrist_distance_mean_m"] < 0.03
-    with av.open(folder / "recall.mp4") as video:
-        seconds = float(video.streams.video[0].duration * video.streams.video[0].time_base)
-    assert 6 < seconds < 15
+    for name in ("recall", "alone"):
+        with av.open(folder / f"{name}.mp4") as video:
+            seconds = float(video.streams.video[0].duration * video.streams.video[0].time_base)
+        assert 6 < seconds < 15
+
+
+@pytest.mark.slow
+def test_the_glass_alone_calls_up_the_drink_which_no_simpler_rule_does(two_runs: list[Path]):
+    scores = json.loads((two_runs[0] / "metrics.json").read_text())["alone"]
+    success = {cell: score["mean"] for cell, score in scores["success"].items()}
+    distance = {cell: score["mean"] for cell, score in scores["distance_m"].items()}
+    alone = {row: success[f"{ALONE} | {row}"] for row in SCENES[ALONE].rows}
+    others = [share for row, share in alone.items() if row not in (OURS, OURS_ONE)]
+    assert min(alone[OURS], alone[OURS_ONE]) >= max(others) + 0.3
+    assert success[f"{LEAVES} | {OURS}"] >= 0.75
+    assert distance[f"{ALONE} | {OURS}"] <= 0.02  # [m]
+    assert success[f"{USUAL} | {REPLAY}"] >= 0.75  # it fails for the place alone
+    assert success[f"{PRESENT} | {COPYING}"] == 1.0
+    for name, novelty in scores["novelty"].items():
+        assert novelty["mean"] == (name in STRANGE), name
+
+
+@pytest.mark.slow
+def test_the_node_of_the_others_grasp_wins_in_the_own(two_runs: list[Path]):
+    shares = json.loads((two_runs[0] / "metrics.json").read_text())["alone"]["mirror"]
+    assert shares["watched"]["mean"] > 0.9
+    assert shares["own"]["mean"] > shares["chance"]["mean"] + 0.4
 
 
 @pytest.mark.slow
@@ -80,7 +118,7 @@ def test_the_log_holds_learning_curves_figures_the_projector_and_the_video(two_r
     log.Reload()
     curves = {"nodes", "insertions", "mean_habituation", "attended_share"}
     assert {f"learning/{curve}" for curve in curves} <= set(log.Tags()["scalars"])
-    assert {"percepts", "map", "winners", "wrists", "recall"} <= set(log.Tags()["images"])
+    assert {*PAPER_FIGURES, "mirror", "recall", "alone"} <= set(log.Tags()["images"])
     assert list((two_runs[0] / "tensorboard").glob("**/projector_config.pbtxt"))
     network = PACNet.from_pretrained(two_runs[0] / "checkpoint")
     assert log.Scalars("learning/nodes")[-1].value == len(network.sofm)
@@ -89,11 +127,17 @@ def test_the_log_holds_learning_curves_figures_the_projector_and_the_video(two_r
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(two_runs: list[Path]):
     one, two = two_runs
-    files = ["metrics.json", "checkpoint/config.json", "checkpoint/model.safetensors"]
+    folders = ("checkpoint", *FOLDERS.values())
+    names = ("config.json", "model.safetensors")
+    files = [f"{folder}/{name}" for folder in folders for name in names]
     data = sorted(path.relative_to(one) for path in (one / "dataset" / "data").rglob("*.parquet"))
     assert data
     for file in (*files, *data):
         assert (one / file).read_bytes() == (two / file).read_bytes(), file
+    first, second = (json.loads((run / "metrics.json").read_text()) for run in two_runs)
+    for scores in (first, second):
+        assert scores["alone"].pop("timing").keys() == {"learning_s", "step_s"}
+    assert first == second
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from pacnet.kernels.threads import use_one_thread
 from train.common.runs import usable_cores
 
-_WORTH_A_POOL = 30  # tasks; fewer finish before the processes of a pool have started
+_WORTH_A_POOL = 30  # short tasks; fewer finish before the processes of a pool have started
 
 
 class Worker(Protocol):
@@ -34,6 +34,7 @@ def share_out(
     tasks: Sequence[Any],
     label: str,
     unit: str = "episode",
+    worth_a_pool: int = _WORTH_A_POOL,
 ) -> list[Any]:
     """Return the results of all tasks, in their order, with a progress bar.
 
@@ -43,19 +44,23 @@ def share_out(
         tasks: What the workers run.
         label: Of the progress bar.
         unit: Of the progress bar: what a task is.
+        worth_a_pool: Fewest tasks that take longer than processes take to start.
     """
     results = []
     with tqdm(total=len(tasks), desc=label, unit=unit) as progress:
-        for result in _results(make_worker, arguments, tasks):
+        for result in _results(make_worker, arguments, tasks, worth_a_pool):
             results.append(result)
             progress.update()
     return results
 
 
 def _results(
-    make_worker: Callable[..., Worker], arguments: tuple[Any, ...], tasks: Sequence[Any]
+    make_worker: Callable[..., Worker],
+    arguments: tuple[Any, ...],
+    tasks: Sequence[Any],
+    worth_a_pool: int,
 ) -> Iterator[Any]:
-    if usable_cores() == 1 or len(tasks) < _WORTH_A_POOL:
+    if usable_cores() == 1 or len(tasks) < worth_a_pool:
         yield from map(make_worker(*arguments).run, tasks)
         return
     with processes(_keep_worker, (make_worker, arguments)) as pool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,7 @@ from train.postural.figures import wrist_paths
 from train.postural.scores import Scores, winners_of
 
 FRAME_STEPS = 3  # steps from one frame of the film to the next
+NAMES = (("demonstrator", 0.25), ("imitator", 0.75))  # and where, as shares of the width
 
 PAPER = {"nodes": "12", "pca_variance_2": "0.78"}  # scores that the paper reports
 
@@ -67,20 +68,27 @@ def film(checkpoint: str | Path, seed: int, condition: Condition, folder: Path) 
             progress.total = environment.episode_steps
             progress.update()
             if step % FRAME_STEPS == 0:
-                frames.append(_with_names(environment.render()))
+                frames.append(with_names(environment.render()))
 
         recall_episode(PACNet.from_pretrained(checkpoint), environment, seed, take)
-    write_mp4(frames, folder / "recall.mp4", FPS / FRAME_STEPS)
-    write_gif([frame[::2, ::2] for frame in frames], folder / "recall.gif", FPS / FRAME_STEPS)
+    write_film(frames, folder / "recall", FPS / FRAME_STEPS)
 
 
-def _with_names(frame: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
-    """Return a frame with the names of both bodies below them."""
+def write_film(frames: list[NDArray[np.uint8]], path: Path, fps: float) -> None:
+    """Write frames as `path.mp4`, and half as large as `path.gif`."""
+    write_mp4(frames, path.with_suffix(".mp4"), fps)
+    write_gif([frame[::2, ::2] for frame in frames], path.with_suffix(".gif"), fps)
+
+
+def with_names(
+    frame: NDArray[np.uint8] | None, names: Sequence[tuple[str, float]] = NAMES
+) -> NDArray[np.uint8]:
+    """Return a frame with names below the bodies, each with its share of the width."""
     assert frame is not None
     picture = Image.fromarray(frame)
     height, width = frame.shape[:2]
     font = ImageFont.load_default(size=height / 18)
-    for name, share in (("demonstrator", 0.25), ("imitator", 0.75)):
+    for name, share in names:
         place = (share * width, 0.98 * height)
         ImageDraw.Draw(picture).text(place, name, "white", font, anchor="mb")
     return np.asarray(picture)
