@@ -70,6 +70,7 @@ class FramedSchemas(nn.Module):
         """Take over what a model of the body has learned."""
         assert self.body is not None
         self.body.load_state_dict(body.state_dict())
+        self.forget_derived()
 
     def has_body(self, body: KinematicModel) -> bool:
         """Return whether its body is this one, or an equal one."""
