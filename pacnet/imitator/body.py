@@ -27,6 +27,7 @@ Features = Mapping[str, tuple[str, ...]]
 
 HAND = "hand"
 _ANGLES = ("pos", "position", "angle", "q")  # ends of the names of angles
+_APART = 0.5  # share of the spread of angles by which actions may be off them
 _IMPLIED = "observation.implied"  # feature of what a percept implies
 _NOISE = 0.1  # [rad], of an angle that was not moved
 _STILL = (1.0, 1.0)  # smoothing of a place that is remembered: it is a mean
@@ -51,6 +52,7 @@ def choose_body_frames(
             body can't have; or landmarks that do not hold.
     """
     config = body_config(body, demonstrations)
+    _check_targets(config, demonstrations)
     names, features = demonstrations.percept_features, demonstrations.state_features
     landmarks = landmarks_of(choice, names)
     first = len(dimension_names(names))
@@ -99,6 +101,20 @@ def body_config(body: KinematicModel, demonstrations: Demonstrations) -> BodyCon
                 f"{angles[:, joint].min():.2f} to {angles[:, joint].max():.2f}"
             )
     return config
+
+
+def _check_targets(config: BodyConfig, demonstrations: Demonstrations) -> None:
+    """Raise a ValueError unless actions are near the angles that are perceived: where to go."""
+    angles = torch.cat([one.percepts for one in demonstrations])[:, list(config.angles)].double()
+    actions = torch.cat([one.action for one in demonstrations])[:, list(config.commands)].double()
+    spread = (angles - angles.mean(dim=0)).square().mean().sqrt().item()
+    apart = (actions - angles).square().mean().sqrt().item()
+    if apart > _APART * spread + _NOISE:
+        raise ValueError(
+            f"expected actions that are the angles to go to, got some {apart:.2f} rad from "
+            f"the angles perceived, which spread by {spread:.2f} rad: actions that are changes of "
+            "angles, or velocities, cannot be used with a body"
+        )
 
 
 def named_angles(

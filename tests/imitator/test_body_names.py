@@ -82,6 +82,15 @@ def test_angles_in_degrees_are_refused(demonstrations: Demonstrations):
         Imitator.from_demonstrations(changed, body=body())
 
 
+def test_actions_that_are_changes_of_angles_are_refused(demonstrations: Demonstrations):
+    (one,) = demonstrations
+    changes = one.action.clone()
+    changes[:, :4] -= one.state[:, :4]
+    wrong = replace(demonstrations, episodes=(replace(one, action=changes),))
+    with pytest.raises(ValueError, match="expected actions that are the angles to go to, got"):
+        frames_of(wrong)
+
+
 @pytest.mark.parametrize(("beyond", "valid"), [(0.9, True), (1.1, False)])
 def test_angles_may_be_a_little_beyond_those_of_the_body(
     demonstrations: Demonstrations, beyond: float, valid: bool
