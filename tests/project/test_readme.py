@@ -174,11 +174,11 @@ def test_the_comparison_holds_the_numbers_of_the_pages():
     successes = [scores["task_success_rate"]["mean"] for scores in policies.values()]
     assert rows[9][2:] == [f"{success:.2f}" for success in successes[2:4]]
     conditions = shipped("wall_following/metrics.json")["conditions"]
-    others = ("node's mean action", "teacher's controller")
-    assert [row[2:] for row in rows[10:]] == [
-        [f"{conditions[name]['tight']['mean']:.2f}" for name in (other, "recall")]
-        for other in others
-    ]
+    drinks = shipped("postural_imitation/alone.json")["alone"]["success"]
+    others = ("replay of the nearest", "ours")
+    assert rows[10][2:] == [f"{drinks[f'alone, 15 cm | {one}']['mean']:.0%}" for one in others]
+    tights = [conditions[name]["tight"]["mean"] for name in ("teacher's controller", "recall")]
+    assert [row[2:] for row in rows[11:]] == [[f"{tight:.2f}" for tight in tights]]
 
 
 def test_its_table_holds_the_shipped_scores():
