@@ -30,7 +30,7 @@ def novelty_over_time(attempts: Mapping[str, Attempt], timestep: float) -> Figur
             axes.annotate(
                 f"pauses: {attempt.pause.dimension}",
                 (times[at], attempt.novelty[at]),
-                (10, 0),
+                (10, 8),
                 textcoords="offset points",
                 va="center",
                 color=colour,
