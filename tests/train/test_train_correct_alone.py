@@ -311,7 +311,7 @@ def test_a_failure_at_a_known_place_is_corrected(monkeypatch, tmp_path):
 def test_what_is_new_to_a_body_is_asked_about_and_places_within_reach_are_not(tmp_path):
     _, imitator = teach(tmp_path, 8)
     imitator.save_pretrained(tmp_path / "checkpoint")
-    command = [sys.executable, "-m", "train.correct", tmp_path / "checkpoint", "--episodes", "30"]
+    command = [sys.executable, "-m", "train.correct", tmp_path / "checkpoint", "--episodes", "8"]
     command += ["--dataset", tmp_path / "dataset", "--seed", "0", "--runs", tmp_path / "runs"]
     done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

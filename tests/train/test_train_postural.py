@@ -64,7 +64,7 @@ def two_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folders = []
     for name in ("one", "two"):
         runs = tmp_path_factory.mktemp(name)
-        arguments = ("--seed", 11, "--demonstrations", 3, "--episodes", 4, "--runs", runs)
+        arguments = ("--seed", 11, "--demonstrations", 3, "--episodes", 3, "--runs", runs)
         run_script("postural_imitation", *arguments)
         folders.append(only_run(runs))
     return folders
@@ -78,7 +78,7 @@ def test_a_run_writes_all_its_files(two_runs: list[Path]):
     figures = {path.stem for path in (folder / "figures").iterdir()}
     assert figures == {*PAPER_FIGURES, "alone", "alone_wrists", "mirror"}
     scores = json.loads((folder / "metrics.json").read_text())
-    assert scores["recall_episodes"] == 4
+    assert scores["recall_episodes"] == 3
     assert scores["task_success_rate"] == 1.0
     assert scores["wrist_distance_mean_m"] < 0.03
     for name in ("recall", "alone"):
