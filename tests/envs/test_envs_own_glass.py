@@ -5,6 +5,7 @@ import itertools
 import gymnasium
 import numpy as np
 import pytest
+from playing import copy, play
 
 import envs  # noqa: F401  registers the environment
 from envs.behaviours import REST_POSTURE
@@ -16,37 +17,6 @@ from envs.scene import GLASS_REST_Z, GRIP_HEIGHT, GRIP_STRETCH, TABLE_HALF_SIZE
 
 ENV_ID = "pacnet/PosturalImitation-v0"
 UNFIT = [glass for glass in OWN_GLASSES if glass != "standing"]
-
-
-@pytest.fixture(scope="module")
-def noisy():
-    made = gymnasium.make(ENV_ID).unwrapped
-    yield made
-    made.close()
-
-
-@pytest.fixture(scope="module")
-def noiseless():
-    made = gymnasium.make(ENV_ID, noise_scale=0.0).unwrapped
-    yield made
-    made.close()
-
-
-def rest(env):
-    return env.rest_posture
-
-
-def copy(env):
-    return env.demonstrator_target
-
-
-def play(env, policy=rest, n_steps=None, seed=3, **options):
-    """Observations and infos of an episode, or of its first steps."""
-    records, truncated = [env.reset(seed=seed, options=options)], False
-    while not truncated and len(records) != n_steps:
-        observation, _, _, truncated, info = env.step_to(policy(env))
-        records.append((observation, info))
-    return [record[0] for record in records], [record[1] for record in records]
 
 
 def test_own_and_other_glass_are_perceived_alike(noiseless):
