@@ -153,11 +153,15 @@ def _left_for_good(distances: Array, calm: NDArray[np.bool_], size: Size) -> NDA
     One at which it begins it has not come to, so it is still a landmark on the way from there.
     """
     farthest = np.maximum.accumulate(distances, axis=0)
-    near = np.minimum(_NEAR * size.extent, np.maximum(_SHARE * farthest, _CLOSE * size.extent))
     came = (farthest > _CLOSE * size.extent) & (distances <= _APPROACHED * farthest)
-    there = came & (distances <= near) & calm[:, None]
+    there = came & (distances <= _near(farthest, size)) & calm[:, None]
     later = np.logical_or.accumulate(there[::-1], axis=0)[::-1]
     return ~later & there.any(axis=0)
+
+
+def _near(farthest: Array, size: Size) -> Array:
+    """Return the distance within which a landmark is near, from the farthest one so far."""
+    return np.minimum(_NEAR * size.extent, np.maximum(_SHARE * farthest, _CLOSE * size.extent))
 
 
 def was_put_back(apart: Array, moves: NDArray[np.bool_], size: Size) -> bool:
@@ -200,8 +204,7 @@ def _attained(
     moved = np.flatnonzero(moves[frame:])
     until = int(moved[0]) if len(moved) else len(distances) - frame
     ahead = distances[frame : frame + until]
-    least, farthest = float(ahead.min()), distances[: frame + 1].max()
-    near = min(_NEAR * size.extent, max(_SHARE * farthest, _CLOSE * size.extent))
+    least, near = float(ahead.min()), _near(distances[: frame + 1].max(), size)
     there = (ahead <= near) & calm[frame : frame + until]
     first = int(there.argmax()) if there.any() else len(distances)
     if len(moved) and least < _REACH * size.extent:

@@ -6,15 +6,13 @@ The posture is the one nearest to the one that was shown.
 
 from __future__ import annotations
 
-import math
-
 from numba import njit
 
-from pacnet.competition.framed_kernels import UNTURNED, advance, left_of, vector
+from pacnet.competition.framed_kernels import UNTURNED, advance, faded_turn, left_of, vector
 from pacnet.forward_models.kinematic_kernels import pose_at, reach
+from pacnet.forward_models.turn_kernels import unit
 from pacnet.kernels.caching import cached_njit
 from pacnet.kernels.turns import (
-    from_vector,
     inverse,
     minus,
     multiply,
@@ -104,20 +102,18 @@ def _locate(is_first, segments, settings, state, hold):
             continue
         hold.places[i] = state.places[i]
         share = 1.0 if is_first else settings.smoothing[i, 0]
-        alike = 0.0
+        turn = _alike(hold.axes, i, turn_of(state.turns, i))
         for k in range(4):
-            alike += hold.axes[i, k] * state.turns[i, k]
-        sign = -1.0 if alike < 0 else 1.0
-        for k in range(4):
-            hold.axes[i, k] += share * (sign * state.turns[i, k] - hold.axes[i, k])
+            hold.axes[i, k] += share * (turn[k] - hold.axes[i, k])
 
 
 @njit
-def _unit(rows, i):
-    """Return a row `[4]` as a quaternion of length one."""
-    w, x, y, z = turn_of(rows, i)
-    size = math.sqrt(w * w + x * x + y * y + z * z)
-    return w / size, x / size, y / size, z / size
+def _alike(rows, i, turn):
+    """Return a quaternion, or the opposite one, which is the same turn: the nearer one to a row."""
+    alike = 0.0
+    for k in range(4):
+        alike += rows[i, k] * turn[k]
+    return turn if alike >= 0 else (-turn[0], -turn[1], -turn[2], -turn[3])
 
 
 @njit
@@ -140,14 +136,11 @@ def _grasp(segments, state, hold):
     hold.frames[0] += 1
     back = inverse(turn_of(state.turns, 0))
     place = rotate(back, minus(vector_of(state.places, moved), vector_of(state.places, 0)))
-    turn = multiply(back, turn_of(state.turns, turned))
-    alike = 0.0
-    for k in range(4):
-        alike += hold.turns[0, k] * turn[k]
+    turn = _alike(hold.turns, 0, multiply(back, turn_of(state.turns, turned)))
     for k in range(3):
         hold.place[k] += (place[k] - hold.place[k]) / hold.frames[0]
     for k in range(4):
-        hold.turns[0, k] += turn[k] if alike >= 0 else -turn[k]
+        hold.turns[0, k] += turn[k]
 
 
 @njit
@@ -168,15 +161,14 @@ def _reach(row, left, segments, state, body, hold, posture, off):
     landmark = segments.landmark[segment]
     origin, axes = NOWHERE, UNTURNED
     if landmark != WORLD:
-        origin, axes = vector_of(hold.places, landmark + 1), _unit(hold.axes, landmark + 1)
+        origin, axes = vector_of(hold.places, landmark + 1), unit(turn_of(hold.axes, landmark + 1))
     seen = plus(vector_of(segments.goal, row), vector(state.offset), left)
     place = plus(origin, rotate(axes, seen), 1.0)
-    turned_by = vector(state.offset_turn)
-    faded = from_vector((left * turned_by[0], left * turned_by[1], left * turned_by[2]))
+    faded = faded_turn(state, left)
     turn = multiply(axes, multiply(faded, turn_of(segments.goal_turn, row)))
     held, held_turn, axis, weights = NOWHERE, UNTURNED, False, body.free
     if hold.moved[0] != 0:
-        held, held_turn = vector(hold.place), _unit(hold.turns, 0)
+        held, held_turn = vector(hold.place), unit(turn_of(hold.turns, 0))
         axis = segments.about_axis[segment]
         weights = body.carrying if segments.turned[segment] != 0 else body.free
     _, turned = reach(

@@ -233,7 +233,7 @@ def _between(places, one, other):
 
 
 @njit
-def axes_of(mark, state):
+def _axes(mark, state):
     """Return how a landmark is turned now."""
     return UNTURNED if mark == WORLD else turn_of(state.turns, mark + 1)
 
@@ -340,6 +340,13 @@ def left_of(share, begun):
 
 
 @njit
+def faded_turn(state, left):
+    """Return the share that is left of the turn by which a segment was begun otherwise."""
+    turn = state.offset_turn
+    return from_vector((left * turn[0], left * turn[1], left * turn[2]))
+
+
+@njit
 def _other_off(others, shown, row):
     """Return the largest difference in what is no point, in shares of its range."""
     most = 0.0
@@ -382,12 +389,11 @@ def _act(segments, settings, state, model, action):
     """Write the shown action, turned with the landmark, and corrected for what the pose is off."""
     segment, row = state.segment[0], state.row[0]
     last = segments.end[segment] - 1
-    axes = axes_of(segments.landmark[segment], state)
+    axes = _axes(segments.landmark[segment], state)
     place, turn = _here(segment, segments, state)
     later = left_of(segments.share[min(row + model.lead, last)], state.begun[0])
     wanted = plus(vector_of(segments.place, row), vector(state.offset), later)
-    offset = vector(state.offset_turn)
-    faded = from_vector((later * offset[0], later * offset[1], later * offset[2]))
+    faded = faded_turn(state, later)
     turned = multiply(multiply(faded, turn_of(segments.turn, row)), inverse(turn))
     _write(state.error, rotate(axes, minus(wanted, place)), rotate(axes, to_vector(turned)))
     shown = segments.velocity[row]

@@ -26,7 +26,7 @@ from pacnet.forward_models.affine_fit import Law, fit_law
 from pacnet.forward_models.affine_rows import mean_ahead
 from pacnet.forward_models.config import AffineForwardModelConfig
 from pacnet.forward_models.protocol import Command
-from pacnet.forward_models.saved_model import SavedModel
+from pacnet.forward_models.saved_model import WholeModel
 
 _SHAPES = {
     "gain": "SU", "lag": "SS", "drift": "S", "inverse": "US", "moves": "U",
@@ -35,7 +35,7 @@ _SHAPES = {
 _LEARNED = tuple(_SHAPES)
 
 
-class AffineForwardModel(SavedModel):
+class AffineForwardModel(WholeModel):
     """Predicts the change of the state over `lead` frames; inverts the prediction.
 
     With states s, the mean action a over the frames t … t + L − 1, and u = a, or u = a − s[t] where
@@ -248,20 +248,10 @@ class AffineForwardModel(SavedModel):
         place = torch.tensor(self.config.follows, device=states.device)
         return states[:, place.clamp(min=0)].where(place >= 0, 0.0)
 
-    def check_loaded(self, tensors: Mapping[str, Any]) -> None:
-        """Raise as `check_state`, but for no tensors at all, which a part of a state may have."""
-        if tensors:
-            self.check_state(tensors)
-
     def load_state_dict(
         self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
     ) -> Any:
-        """Load tensors as `nn.Module` does, or none of them if one is refused.
-
-        Raises:
-            ValueError: as `check_state`.
-        """
-        self.check_state(state_dict)
+        """Load tensors, all or none, while no other thread reads them."""
         with self._lock:
             return super().load_state_dict(state_dict, strict, assign)
 

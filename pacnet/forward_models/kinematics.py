@@ -32,14 +32,14 @@ from pacnet.forward_models.kinematic_checks import (
     check_turns,
 )
 from pacnet.forward_models.kinematics_fit import Fitted, fit_products
-from pacnet.forward_models.saved_model import SavedModel
+from pacnet.forward_models.saved_model import WholeModel
 from pacnet.forward_models.turn_matrices import nearest_turns
 
 _UNTURNED = [3, 7, 11]  # of the outputs, the diagonal of the rotation matrix
 _SHARE_OFF = 0.01  # of the extent of the places, by which a given function may be off
 
 
-class KinematicModel(SavedModel):
+class KinematicModel(WholeModel):
     """Predicts where the hand is and how it is turned, and finds postures that take it somewhere.
 
     With K joints that move the hand,
@@ -199,22 +199,6 @@ class KinematicModel(SavedModel):
         return KinematicArrays(
             coefficients, np.array(self.config.moving, np.int64), lowest, highest
         )
-
-    def load_state_dict(
-        self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
-    ) -> Any:
-        """Load tensors as `nn.Module` does, or none of them if one is refused.
-
-        Raises:
-            ValueError: as `check_state`.
-        """
-        self.check_state(state_dict)
-        return super().load_state_dict(state_dict, strict, assign)
-
-    def check_loaded(self, tensors: Mapping[str, Any]) -> None:
-        """Raise as `check_state`, but for no tensors at all, which a part of a state may have."""
-        if tensors:
-            self.check_state(tensors)
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""

@@ -91,5 +91,32 @@ class SavedModel(nn.Module):
         check_tensors(model, dict(tensors), like=cls.float_tensor)
 
 
+class WholeModel(SavedModel):
+    """Base of the models whose tensors are checked together.
+
+    A subclass defines `check_state`, beside what `SavedModel` asks for.
+    """
+
+    @abstractmethod
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+
+    def check_loaded(self, tensors: Mapping[str, Any]) -> None:
+        """Raise as `check_state`, but for no tensors at all, which a part of a state may have."""
+        if tensors:
+            self.check_state(tensors)
+
+    def load_state_dict(
+        self, state_dict: Mapping[str, Any], strict: bool = True, assign: bool = False
+    ) -> Any:
+        """Load tensors as `nn.Module` does, or none of them if one is refused.
+
+        Raises:
+            ValueError: as `check_state`.
+        """
+        self.check_state(state_dict)
+        return super().load_state_dict(state_dict, strict, assign)
+
+
 def _check_loaded(model: Any, state_dict: dict[str, Any], prefix: str, *_: object) -> None:
     model.check_loaded(part_of(state_dict, prefix))

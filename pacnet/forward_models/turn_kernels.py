@@ -35,16 +35,17 @@ def nearest_turn(pose):
         if rows[i][i] > largest:
             turn, largest = rows[i], rows[i][i]
     for _ in range(_SETTLING):
-        turn = _unit(turn)
+        turn = unit(turn)
         turn = (
             _dot4(rows[0], turn), _dot4(rows[1], turn), _dot4(rows[2], turn), _dot4(rows[3], turn)
         )  # fmt: skip
-    turn = _unit(turn)
+    turn = unit(turn)
     return turn if turn[0] >= 0 else (-turn[0], -turn[1], -turn[2], -turn[3])
 
 
 @njit(inline="always")
-def _unit(turn):
+def unit(turn):
+    """Return a quaternion of length one; of none at all, no turn."""
     length = math.sqrt(_dot4(turn, turn))
     if length < 1e-12:
         return 1.0, 0.0, 0.0, 0.0

@@ -213,10 +213,9 @@ class FramedSchemas(nn.Module):
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         check_structure(self, tensors)  # all but the models
-        if self.forward_model is not None:
-            self.forward_model.check_state(part_of(tensors, "forward_model."))
-        if self.body is not None:
-            self.body.check_loaded(part_of(tensors, "body."))
+        for name, model in (("forward_model.", self.forward_model), ("body.", self.body)):
+            if model is not None:
+                model.check_state(part_of(tensors, name))
 
     def check_cuts(
         self,

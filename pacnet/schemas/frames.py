@@ -54,7 +54,7 @@ class FramesConfig:
         model, back = self.forward_model, self.put_back
         one_of_both = (model is None) != (self.body is None)
         states = pose if model is None else model.state_dimensions
-        seen = len(self.points.landmarks) - len(back)
+        seen = len(self.perceived)
         parts = len(self.points.moved.place), len(self.points.moved.orientation)
         checks = {
             "size": (all(is_number(one) and one > 0 for one in self.size), "above 0"),
@@ -89,20 +89,19 @@ class FramesConfig:
     @property
     def parted(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Dimensions of points that are perceived, and of those that a percept implies."""
-        points, seen = self.points, len(self.perceived)
-        former = points.landmarks[seen:]
-        perceived, implied = [*self.perceived], [*former]
-        (perceived if self.body is None else implied).insert(0, points.moved)
+        perceived = [*self.perceived]
+        implied = [*self.points.landmarks[len(perceived) :]]
+        (perceived if self.body is None else implied).insert(0, self.points.moved)
         one, other = ([n for point in part for n in point.used] for part in (perceived, implied))
         return tuple(one), tuple(other)
 
     @property
     def added(self) -> tuple[str, ...]:
         """Names of what is appended to a percept; see `pacnet.schemas.percept_extension`."""
-        hand, back = self.points.moved.name, len(self.put_back)
+        hand, former = self.points.moved.name, self.points.landmarks[len(self.perceived) :]
         parts = ("x", "y", "z", "qw", "qx", "qy", "qz") if self.body is not None else ()
         names = [f"{hand}.{part}" for part in parts]
-        for landmark in self.points.landmarks[len(self.points.landmarks) - back :]:
+        for landmark in former:
             names += [f"{landmark.name}.{axis}" for axis in "xyz"[: len(landmark.place)]]
         return tuple(names)
 

@@ -18,9 +18,7 @@ from pacnet.schemas.frames import FramesConfig
 Array = NDArray[np.float64]
 
 _AWAY = 0.3  # share of the scene's size: nearer, the hand may be about to take an object
-_MOVED = (
-    0.05  # share of the scene's size from which an object that was left alone was put elsewhere
-)
+_MOVED = 0.05  # share of the scene's size by which what was left alone was put elsewhere
 
 
 class PerceptExtension:
