@@ -127,10 +127,10 @@ def beside(*works: Callable[[], object]) -> Iterator[list[BaseException]]:
             thread.start()
         yield errors
     finally:
-        sys.setswitchinterval(usual)
         over.set()
         for thread in threads:
             thread.join()
+        sys.setswitchinterval(usual)  # last: a thread that learns sets it back to what it found
     if errors:
         raise errors[0]
 
