@@ -1053,8 +1053,8 @@ def test_datasets_and_checkpoints_of_a_run_load_and_belong_together(walls_run: t
     wandering = load_demonstrations(folder / "wandering", environment_state=None)
     assert [one.percepts.shape for one in wandering] == [(500, 6)] * 10
     demonstrations = load_demonstrations(folder / "dataset", environment_state=None)
-    assert len(demonstrations) == 8
-    assert [one.task.split()[2] for one in demonstrations] == ["left"] * 4 + ["right"] * 4
+    assert len(demonstrations) == 16
+    assert [one.task.split()[2] for one in demonstrations] == ["left"] * 8 + ["right"] * 8
     model = MLPForwardModel.from_pretrained(folder / "forward_model")
     network = PACNet.from_pretrained(folder / "checkpoint", model).eval()
     scores = json.loads((folder / "metrics.json").read_text())
@@ -1093,7 +1093,7 @@ def test_ctrl_c_while_acting_alone_keeps_datasets_and_checkpoints(tmp_path: Path
     interrupt_at("wall_following", "alone:", tmp_path)
     folder = only_run(tmp_path)
     assert len(load_demonstrations(folder / "wandering", environment_state=None)) == 10
-    assert len(load_demonstrations(folder / "dataset", environment_state=None)) == 8
+    assert len(load_demonstrations(folder / "dataset", environment_state=None)) == 16
     model = MLPForwardModel.from_pretrained(folder / "forward_model")
     assert len(PACNet.from_pretrained(folder / "checkpoint", model).sofm) > 1
     assert not (folder / "metrics.json").exists()
