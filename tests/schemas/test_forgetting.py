@@ -122,7 +122,8 @@ def test_at_once_in_parts_and_with_either_engine_the_same_is_kept(interval: int,
 def test_a_state_of_an_older_release_loads_and_forgets_from_then_on():
     network = make_network()
     show(network, 0, 25)
-    old = {k: v for k, v in network.state_dict().items() if k != "schemas.blocks.habituated_at"}
+    lacking = tuple(f"schemas.blocks.{column}" for column in ("habituated_at", "forgotten"))
+    old = {name: rows for name, rows in network.state_dict().items() if name not in lacking}
     loaded = make_network()
     loaded.load_state_dict(old)
     assert loaded.schemas.blocks.live("habituated_at").tolist() == [NO_NODE]
