@@ -10,6 +10,7 @@ seldom.
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import torch
@@ -35,21 +36,29 @@ def count_replaced(blocks: GrowableRows, nodes: Tensor, habituated_at: Tensor) -
         blocks: of the sequences, one for each node, without the new targets.
         nodes: of each new target `[T]`, equal ones together and in order of time.
         habituated_at: sample since when the node was habituated, at each of them, int64 `[T]`.
+
+    Returns:
+        Node -> count; nothing where no node was ever forgotten.
     """
-    stretches, counts = torch.stack([nodes, habituated_at], dim=1).unique_consecutive(
-        return_counts=True, dim=0
-    )
     lengths, times, forgotten = map(blocks.live, ("length", HABITUATED_AT, FORGOTTEN))
-    stored, lost = dict[int, int](), dict[int, int]()
-    for (node, time), count in zip(stretches.tolist(), counts.tolist(), strict=True):
-        before, old = int(times[node]), int(forgotten[node])
-        length = stored.get(node, int(lengths[node]))
+    if bool(((times[nodes] == habituated_at) & (forgotten[nodes] == 0)).all()):
+        return {}
+    different = nodes.unique_consecutive()
+    columns = (column[different].tolist() for column in (lengths, times, forgotten))
+    states = {node: list(state) for node, *state in zip(different.tolist(), *columns, strict=True)}
+    lost = dict.fromkeys(states, 0)
+    targets = zip(nodes.tolist(), habituated_at.tolist(), strict=True)
+    for (node, time), some in itertools.groupby(targets):
+        count = len(list(some))
+        length, before, old = states[node]
         if before != time and NO_NODE not in (before, time):
             old = length
         gone = min(old, count)
-        stored[node], lost[node] = length + count - gone, lost.get(node, 0) + gone
-        times[node], forgotten[node] = time, old - gone
-    return lost
+        states[node] = [length + count - gone, time, old - gone]
+        lost[node] += gone
+    times[different] = times.new_tensor([time for _, time, _ in states.values()])
+    forgotten[different] = forgotten.new_tensor([old for *_, old in states.values()])
+    return {node: count for node, count in lost.items() if count > 0}
 
 
 def forgetting_holds(blocks: Tensors) -> Checks:
@@ -74,7 +83,8 @@ def load_without(module: nn.Module) -> None:
 def _add_missing(_module: nn.Module, tensors: Any, prefix: str, *_: object) -> None:
     names = [name for name in tensors if name.startswith(prefix) and name.endswith(_EPISODE)]
     for name in names:
-        if isinstance(tensors[name], Tensor):
+        blocks, episode = name.removesuffix("episode"), tensors[name]
+        is_old = not any(blocks + column in tensors for column in _MISSING)
+        if is_old and isinstance(episode, Tensor) and episode.dim() == 1:
             for column, value in _MISSING.items():
-                new = name.removesuffix(_EPISODE) + f"blocks.{column}"
-                tensors.setdefault(new, torch.full_like(tensors[name], value))
+                tensors[blocks + column] = torch.full((len(episode),), value)

@@ -181,7 +181,8 @@ class MotorSchemas(Schemas):
         replaced = count_replaced(self.blocks, node, samples.habituated_at[written])
         rows = {"target": samples.target[written], "cue": samples.cue[written]}
         self.append_rows(nodes, counts, rows)
-        self.drop_first(nodes, counts.new_tensor([replaced[one] for one in nodes.tolist()]))
+        if replaced:
+            self.drop_first(*map(counts.new_tensor, (list(replaced), list(replaced.values()))))
 
     def recall_one(self, node: int, percept: NDArray[np.floating]) -> Target | None:
         """Return the current target of a winner, and its offset in the sequence.
