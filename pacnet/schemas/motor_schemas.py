@@ -18,13 +18,20 @@ from torch import Tensor, nn
 from pacnet.attention.records import NO_NODE
 from pacnet.core.drafts import BufferVersions, snapshot_of
 from pacnet.core.growable_rows import as_array
-from pacnet.core.integrity import check_conditions, check_on_load, check_structure
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure, part_of
 from pacnet.core.validation import (
     as_batch,
     check_fields,
     check_index,
     check_indices,
     is_integer,
+)
+from pacnet.schemas.forgetting import (
+    FORGOTTEN,
+    HABITUATED_AT,
+    count_replaced,
+    forgetting_holds,
+    load_without,
 )
 from pacnet.schemas.interface import NO_EPISODE, Samples, Schemas, Target
 from pacnet.schemas.sequences import INTEGER
@@ -64,6 +71,9 @@ class MotorSchemasConfig:
 class MotorSchemas(Schemas):
     """One growable sequence of targets per node, overwritten by each new episode.
 
+    Within an episode, targets of a node that was forgotten are replaced one by one by new ones; see
+    `pacnet.schemas.forgetting`.
+
     The id of a sequence is the number of its node.
 
     Args:
@@ -71,12 +81,14 @@ class MotorSchemas(Schemas):
     """
 
     def __init__(self, config: MotorSchemasConfig) -> None:
-        super().__init__(config.target_dimensions, config.percept_dimensions, {"episode": INTEGER})
+        of_sequence = {"episode": INTEGER, HABITUATED_AT: INTEGER, FORGOTTEN: INTEGER}
+        super().__init__(config.target_dimensions, config.percept_dimensions, of_sequence)
         self.config = config
         self.behaviours = []
         self._cache: tuple[BufferVersions, tuple[NDArray[Any], ...], Any] | None = None
         self._offsets: dict[int, int] = {}  # of nodes that have won in this recall episode
         self.register_load_state_dict_post_hook(_restart_recall)
+        load_without(self)
         check_on_load(self)
 
     def __len__(self) -> int:
@@ -88,6 +100,7 @@ class MotorSchemas(Schemas):
         check_structure(self, tensors)
         check_conditions(sequences_hold(tensors))
         check_conditions({"episodes ≥ −1": (tensors["blocks.episode"] >= NO_EPISODE).all()})
+        check_conditions(forgetting_holds(part_of(tensors, "blocks.")))
 
     @staticmethod
     def extent(tensors: Mapping[str, Tensor]) -> tuple[int, int]:
@@ -101,7 +114,8 @@ class MotorSchemas(Schemas):
 
     def add_node(self) -> int:
         """Add a node with an empty sequence and return its number."""
-        return self.blocks.append({"start": 0, "length": 0, "capacity": 0, "episode": NO_EPISODE})
+        never = {"episode": NO_EPISODE, HABITUATED_AT: NO_NODE, FORGOTTEN: 0}
+        return self.blocks.append({"start": 0, "length": 0, "capacity": 0, **never})
 
     def delete(self, nodes: Tensor) -> None:
         """See `Schemas.delete`; a recall episode in progress starts again."""
@@ -115,7 +129,14 @@ class MotorSchemas(Schemas):
 
     @torch.no_grad()
     def write(
-        self, node: int, target: Tensor, cue: Tensor, episode: int, *, habituated: bool
+        self,
+        node: int,
+        target: Tensor,
+        cue: Tensor,
+        episode: int,
+        *,
+        habituated: bool,
+        habituated_at: int = NO_NODE,
     ) -> None:
         """Apply the three rules of the paper to one sample at which the node won.
 
@@ -125,17 +146,22 @@ class MotorSchemas(Schemas):
             cue: the normalized percept, `[D]`.
             episode: number of the learning episode.
             habituated: whether the winner is fully habituated.
+            habituated_at: sample since when it is; another one than before says that the node was
+                forgotten: new targets replace the old. `NO_NODE` where that is not known.
 
         Raises:
-            ValueError: no such node or episode, or a target or cue of the wrong shape, dtype or
-                device, not finite or too large; nothing has been written then.
+            ValueError: no such node, episode or sample, or a target or cue of the wrong shape,
+                dtype or device, not finite or too large; nothing has been written then.
         """
         node = check_index("a node", node, len(self))
         episode = check_index("an episode", episode, 2**63)
         self.check_pair(as_batch(target), as_batch(cue))
         if self.training and habituated:
-            nodes, counts = self.lengths.new_tensor([[node], [1]])
-            self._write(nodes, counts, target[None], cue[None], episode)
+            since = check_index("a sample", habituated_at, 2**63, optional=True)
+            nodes, since, whether = self.lengths.new_tensor([[node], [since], [1]])
+            activation = cue.new_ones(1)  # not used
+            samples = Samples(nodes, activation, whether.bool(), target[None], cue[None], since)
+            self.add_samples(samples, episode)
 
     @torch.no_grad()
     def add_samples(self, samples: Samples, episode: int) -> None:
@@ -143,19 +169,20 @@ class MotorSchemas(Schemas):
         # Rule 1: the winner is not fully habituated. Its schema stays as it is.
         written = (samples.habituated & self.training).nonzero().flatten()
         written = written[samples.node[written].argsort(stable=True)]
-        nodes, counts = samples.node[written].unique_consecutive(return_counts=True)
-        self._write(nodes, counts, samples.target[written], samples.cue[written], episode)
-
-    def _write(
-        self, nodes: Tensor, counts: Tensor, targets: Tensor, cues: Tensor, episode: int
-    ) -> None:
-        """Apply rules 2 and 3 at habituated nodes `[N]`, each with its count of rows."""
+        if len(written) == 0:
+            return
+        node = samples.node[written]
+        nodes, counts = node.unique_consecutive(return_counts=True)
         # Rule 3: a new learning episode. The sequence is cleared and starts with these targets.
         cleared = nodes[self.blocks.live("episode")[nodes] != episode]
-        self.blocks.live("length")[cleared] = 0
-        self.blocks.live("episode")[cleared] = episode
-        # Rule 2: the same learning episode. The targets are appended.
-        self.append_rows(nodes, counts, {"target": targets, "cue": cues})
+        for column, value in (("length", 0), (FORGOTTEN, 0), ("episode", episode)):
+            self.blocks.live(column)[cleared] = value
+        # Rule 2: the same learning episode. The targets are appended, or replace forgotten ones.
+        replaced = count_replaced(self.blocks, node, samples.habituated_at[written])
+        rows = {"target": samples.target[written], "cue": samples.cue[written]}
+        self.append_rows(nodes, counts, rows)
+        if replaced:
+            self.drop_first(*map(counts.new_tensor, (list(replaced), list(replaced.values()))))
 
     def recall_one(self, node: int, percept: NDArray[np.floating]) -> Target | None:
         """Return the current target of a winner, and its offset in the sequence.

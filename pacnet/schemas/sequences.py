@@ -127,6 +127,17 @@ class Sequences(nn.Module):
             self.pool.live(name)[places] = values
         self.lengths[sequences] = lengths + counts
 
+    def drop_first(self, sequences: Tensor, counts: Tensor) -> None:
+        """Drop the first rows of several sequences.
+
+        Args:
+            sequences: which ones, int64 `[N]`, all different.
+            counts: number of rows that each loses, int64 `[N]`, at most its length.
+        """
+        self.blocks.live("start")[sequences] += counts
+        for column in ("length", "capacity"):
+            self.blocks.live(column)[sequences] -= counts
+
     def _move_to_end(self, sequences: Tensor, wanted: Tensor) -> None:
         """Move sequences to the pool's end, each into a block of at least twice its length."""
         lengths = self.lengths[sequences]
