@@ -34,6 +34,7 @@ from pacnet.schemas.forgetting import (
     load_without,
 )
 from pacnet.schemas.interface import NO_EPISODE, Samples, Schemas, Target
+from pacnet.schemas.merging import COUNT, COUNTS, make_room
 from pacnet.schemas.sequences import INTEGER
 from pacnet.schemas.state_checks import sequences_hold
 
@@ -51,6 +52,8 @@ class MotorSchemasConfig:
         nearest_cues: with `cue`, the number of nearest cues whose targets are averaged. One
             reproduces the demonstration; more average out random differences between targets of
             similar percepts.
+        budget: number of targets that are kept, at most, of all nodes together; see
+            `pacnet.schemas.merging`. None for all.
         type: which kind of motor schemas it is, in a checkpoint's `config.json`.
     """
 
@@ -58,12 +61,14 @@ class MotorSchemasConfig:
     percept_dimensions: int
     recall_by: Literal["cue", "order"] = "cue"
     nearest_cues: int = 1
+    budget: int | None = None
     type: ClassVar[str] = "motor_schemas"
 
     def __post_init__(self) -> None:
         """Validate the fields."""
         integers = ("target_dimensions", "percept_dimensions", "nearest_cues")
         checks = {name: (is_integer(getattr(self, name), 1), "≥ 1") for name in integers}
+        checks["budget"] = (self.budget is None or is_integer(self.budget, 1), "≥ 1, or None")
         checks["recall_by"] = (self.recall_by in ("cue", "order"), "'cue' or 'order'")
         check_fields(self, checks)
 
@@ -82,7 +87,8 @@ class MotorSchemas(Schemas):
 
     def __init__(self, config: MotorSchemasConfig) -> None:
         of_sequence = {"episode": INTEGER, HABITUATED_AT: INTEGER, FORGOTTEN: INTEGER}
-        super().__init__(config.target_dimensions, config.percept_dimensions, of_sequence)
+        of_row = None if config.budget is None else COUNTS
+        super().__init__(config.target_dimensions, config.percept_dimensions, of_sequence, of_row)
         self.config = config
         self.behaviours = []
         self._cache: tuple[BufferVersions, tuple[NDArray[Any], ...], Any] | None = None
@@ -101,6 +107,10 @@ class MotorSchemas(Schemas):
         check_conditions(sequences_hold(tensors))
         check_conditions({"episodes ≥ −1": (tensors["blocks.episode"] >= NO_EPISODE).all()})
         check_conditions(forgetting_holds(part_of(tensors, "blocks.")))
+        if self.config.budget is not None:
+            within = len(tensors["pool.target"]) <= self.config.budget
+            counted = (tensors[f"pool.{COUNT}"] >= 1).all()
+            check_conditions({"targets within the budget": within, "counts ≥ 1": counted})
 
     @staticmethod
     def extent(tensors: Mapping[str, Tensor]) -> tuple[int, int]:
@@ -168,7 +178,16 @@ class MotorSchemas(Schemas):
         """Do what `write` does, for checked samples; in eval mode, nothing."""
         # Rule 1: the winner is not fully habituated. Its schema stays as it is.
         written = (samples.habituated & self.training).nonzero().flatten()
-        written = written[samples.node[written].argsort(stable=True)]
+        if self.config.budget is None:
+            self._add(samples, written[samples.node[written].argsort(stable=True)], episode)
+            return
+        for sample in written:  # one after the other: what is merged depends on the order
+            self._add(samples, sample[None], episode)
+            if int(self.lengths.sum()) > self.config.budget:
+                make_room(self, int(samples.node[sample]))
+
+    def _add(self, samples: Samples, written: Tensor, episode: int) -> None:
+        """Apply rules 2 and 3 to samples of habituated nodes, equal nodes together."""
         if len(written) == 0:
             return
         node = samples.node[written]
@@ -180,6 +199,8 @@ class MotorSchemas(Schemas):
         # Rule 2: the same learning episode. The targets are appended, or replace forgotten ones.
         replaced = count_replaced(self.blocks, node, samples.habituated_at[written])
         rows = {"target": samples.target[written], "cue": samples.cue[written]}
+        if self.config.budget is not None:
+            rows[COUNT] = torch.ones_like(node)
         self.append_rows(nodes, counts, rows)
         if replaced:
             self.drop_first(*map(counts.new_tensor, (list(replaced), list(replaced.values()))))
