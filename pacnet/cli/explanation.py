@@ -119,9 +119,9 @@ def _moment(imitator: Imitator, one: Followed, percept: NDArray[np.float32]) -> 
 
     The deviation is that in the dimension where it is largest beside the novelty threshold.
     """
-    report, shown = imitator.reports[one.demonstration], imitator.memory.shown()
+    report, shown = imitator.reports[one.demonstration], imitator.memory.whole()
     first, end = shown.first[one.demonstration : one.demonstration + 2]
-    row = first + int(np.searchsorted(shown.time[first:end], one.frame))
+    row = first + int(np.searchsorted(shown.frame[first:end], one.frame))
     scale = imitator.config.scaling.array
     apart = percept * scale - shown.percepts[row]
     most = int((np.abs(apart) / imitator.novelty_detector.thresholds.numpy()).argmax())

@@ -65,5 +65,3 @@ def _check_body(arguments: argparse.Namespace) -> None:
         arguments.usage_error("argument --body: not with --points none, it needs a landmark")
     if arguments.targets == "state":
         arguments.usage_error("argument --body: not with --targets state")
-    if arguments.budget is not None:
-        arguments.usage_error("argument --body: not with --budget, all targets are kept")

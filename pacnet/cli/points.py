@@ -97,9 +97,8 @@ def describe_points(config: ImitatorConfig) -> dict[str, Any]:
 
 def _unused(config: ImitatorConfig, names: str) -> str:
     """Return why points that are found by their names are not used."""
-    if config.targets == "state" or config.budget is not None:
-        why = "targets are states" if config.targets == "state" else "there is a budget"
-        return f"{why} (by their names there are {names})"
+    if config.targets == "state":
+        return f"targets are states (by their names there are {names})"
     return f"as asked, or since {names}, found by their names, do not hold"
 
 

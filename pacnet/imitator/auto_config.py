@@ -73,7 +73,7 @@ def choose_settings(
         still_actions=chosen.still_actions,
         state=demonstrations.state_features,
         action_features=demonstrations.action_features,
-        frames=_frames(points, body, episodes, scaling, targets, budget),
+        frames=_frames(points, body, episodes, scaling, targets),
     )
 
 
@@ -83,15 +83,13 @@ def _frames(
     demonstrations: Demonstrations,
     scaling: Scaling,
     targets: Literal["action", "state"],
-    budget: int | None,
 ) -> FramesConfig | None:
     """Return the settings of frames of reference; None without points, or where they are no use."""
     given = body is not None or (choice is not None and choice != "auto")
-    if targets == "state" or budget is not None:
+    if targets == "state":
         if given:
-            wrong = "targets of 'state'" if targets == "state" else "a budget"
             what = "points" if body is None else "a body"
-            raise ValueError(f"expected {what} with targets of 'action', all kept, got {wrong}")
+            raise ValueError(f"expected {what} with targets of 'action', got targets of 'state'")
         return None
     if body is not None:
         return choose_body_frames(body, choice, demonstrations.continuous(), scaling.scale)

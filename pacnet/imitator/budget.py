@@ -1,10 +1,9 @@
-"""Which targets are kept where memory is bounded: attention decides.
+"""Which targets are kept where memory is bounded: what is novel stays, what is familiar goes.
 
-A node of the map stands for a kind of situation. What is novel gets a node of its own; of a
-situation that is seen again and again, more of the same adds little. So all situations of all tasks
-may keep equally many targets, and those that have fewer leave their share to the others. The same
-holds for the demonstrations within a situation. Of one demonstration in one situation, targets are
-kept that lie evenly over it.
+Of a demonstration those frames are kept that the others do not foretell, its keyframes
+(`pacnet.schemas.keyframes`). Where there are too many demonstrations to keep enough frames of each,
+one goes that later ones of its task show again: the one whose frames have the nearest ones in
+those. All tasks keep equally many.
 """
 
 from __future__ import annotations
@@ -12,38 +11,69 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pacnet.schemas.demonstration_memory import Shown
+from pacnet.schemas.keyframes import importance, most_important
 
-def kept_rows(
-    situation: NDArray[np.int64], demonstration: NDArray[np.int64], budget: int
-) -> NDArray[np.bool_]:
-    """Return which of the rows are kept, bool `[R]`: as many as the budget if there are more.
+ENOUGH = 20  # frames of each demonstration, from which it can be followed
+_COMPARED = 2_000  # rows; of more, every second, third, ... is compared with
+
+Numbers = NDArray[np.int64]
+
+
+def kept_rows(shown: Shown, important: NDArray[np.float64], parts: Numbers, budget: int) -> Numbers:
+    """Return the rows that are kept, ascending, `[K]`: no more than the budget.
 
     Args:
-        situation: of each row, `[R]`; rows are in the order in which they were shown.
-        demonstration: of each row, `[R]`.
+        shown: the keyframes of all demonstrations.
+        important: how important each is, `[R]`; see `importances`.
+        parts: number of the episode that each demonstration is of, which is kept or goes as a
+            whole, ascending, `[E]`.
         budget: most rows that are kept.
     """
-    kept = np.zeros(len(situation), bool)
-    for rows, share in _shared_out(np.arange(len(situation)), situation, budget):
-        for part, few in _shared_out(rows, demonstration, share):
-            places = (np.arange(few) + 0.5) * len(part) / max(few, 1)
-            kept[part[places.astype(np.int64)]] = True
-    return kept
+    of = parts.repeat(np.diff(shown.first))
+    left = np.ones(len(of), bool)
+    task = dict(zip(parts.tolist(), shown.task.tolist(), strict=True))
+    known = list(dict.fromkeys(of.tolist()))
+    while len(known) > max(1, budget // ENOUGH):
+        gone = _most_familiar(shown.percepts, of, known, task)
+        known.remove(gone)
+        left &= of != gone
+    rows = np.flatnonzero(left)
+    return rows[most_important(important[rows], budget)]
 
 
-def _shared_out(
-    rows: NDArray[np.int64], of: NDArray[np.int64], budget: int
-) -> list[tuple[NDArray[np.int64], int]]:
-    """Return the rows of each kind, and how many of them are kept."""
-    _, kind, counts = np.unique(of[rows], return_inverse=True, return_counts=True)
-    parts = np.split(rows[np.argsort(kind, kind="stable")], np.cumsum(counts)[:-1])
-    return list(zip(parts, shares(counts, budget).tolist(), strict=True))
+def importances(shown: Shown, last: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how important each row is, `[R]`.
+
+    Args:
+        shown: the keyframes of all demonstrations.
+        last: the importance of those of the last one, which was measured among all its frames.
+    """
+    before = [
+        importance(shown.percepts[first:end], shown.frame[first:end])
+        for first, end in zip(shown.first[:-2], shown.first[1:-1], strict=True)
+    ]
+    return np.concatenate([*before, last])
 
 
-def shares(counts: NDArray[np.int64], budget: int) -> NDArray[np.int64]:
-    """Return how many of each kind `[N]` are kept: equally many, as far as there are."""
-    left, share = budget, np.zeros_like(counts)
-    for place, kind in enumerate(np.argsort(counts, kind="stable")):
-        share[kind] = min(int(counts[kind]), -(-left // (len(counts) - place)))
-        left -= int(share[kind])
-    return share
+def _most_familiar(
+    percepts: NDArray[np.float32], of: Numbers, known: list[int], task: dict[int, int]
+) -> int:
+    """Return the episode, of the tasks with the most of them, that later ones show best."""
+    counts = {one: sum(task[other] == task[one] for other in known) for one in known}
+    most, nearest = max(counts.values()), {}
+    for index, one in enumerate(known):
+        if counts[one] == most:
+            later = [other for other in known[index + 1 :] if task[other] == task[one]]
+            nearest[one] = _distance(percepts[of == one], percepts[np.isin(of, later)])
+    return min(nearest, key=nearest.__getitem__)  # the first of equal ones
+
+
+def _distance(percepts: NDArray[np.float32], others: NDArray[np.float32]) -> float:
+    """Return the mean distance of percepts `[N, D]` from the nearest of others `[M, D]`."""
+    if len(others) == 0:
+        return np.inf
+    some = others[:: 1 + len(others) // _COMPARED].astype(np.float64)
+    own = percepts.astype(np.float64)
+    squares = np.square(own).sum(1)[:, None] + np.square(some).sum(1) - 2 * own @ some.T
+    return float(np.sqrt(np.maximum(squares.min(axis=1), 0)).mean())

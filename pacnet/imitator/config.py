@@ -100,7 +100,7 @@ class ImitatorConfig:
             "follows": (fits and max(self.follows, default=-1) < most, wanted),
             "frames": (
                 self._fits(self.frames),
-                f"of {dimensions} dimensions, all kept",
+                f"of {dimensions} dimensions, with targets that are actions",
             ),
         }
         check_fields(self, checks)
@@ -133,8 +133,7 @@ class ImitatorConfig:
         actions = len(self.action)
         moved = model is None or model.action_dimensions == actions
         commanded = body is None or max(body.commands) < actions
-        whole = self.targets == "action" and self.budget is None
-        return whole and within and moved and commanded
+        return self.targets == "action" and within and moved and commanded
 
     @property
     def points(self) -> Points | None:

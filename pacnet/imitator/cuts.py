@@ -59,27 +59,33 @@ def landmark_name(points: Points, number: int) -> str:
 
 
 def cuts_of(
-    segments: Segments, attended: NDArray[np.int64], points: Points
+    segments: Segments,
+    attended: NDArray[np.int64],
+    frame: NDArray[np.int64],
+    points: Points,
+    demonstrations: int,
 ) -> tuple[ShownCut, ...]:
-    """Return how each demonstration is cut.
+    """Return how each of E demonstrations is cut; of one that is forgotten there are no segments.
 
     Args:
         segments: of all demonstrations.
         attended: which landmark each of them is on the way to, `[S]`.
+        frame: number of each row in its demonstration, as it was shown, `[R]`.
         points: of the percepts.
+        demonstrations: number E of them.
     """
+    begin, end = frame[segments.first], frame[segments.end - 1] + 1
     cuts = []
-    for number in range(len(set(segments.demonstration.tolist()))):
-        own = np.flatnonzero(segments.demonstration == number)
-        begin = segments.first[own[0]].item()
+    for number in range(demonstrations):
+        own = np.flatnonzero(segments.demonstration == number).tolist()
         shown = tuple(
             ShownSegment(
                 landmark_name(points, attended[one].item()),
                 landmark_name(points, segments.landmark[one].item()),
-                segments.first[one].item() - begin,
-                (segments.end[one] - segments.first[one]).item(),
+                begin[one].item(),
+                (end[one] - begin[one]).item(),
             )
             for one in own
         )
-        cuts.append(ShownCut(shown, bool(segments.usual[own[0]])))
+        cuts.append(ShownCut(shown, any(segments.usual[own[:1]])))
     return tuple(cuts)

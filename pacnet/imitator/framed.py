@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from pacnet.attention.cutting import carried, cut
 from pacnet.competition.body_following import Body, body_of
 from pacnet.competition.framed_following import FramedFollower
-from pacnet.core.integrity import check_conditions, check_on_load, check_structure, part_of
+from pacnet.core.integrity import check_on_load, check_structure, part_of
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.affine import AffineForwardModel
 from pacnet.forward_models.affine_arrays import AffineArrays
@@ -42,8 +42,8 @@ class FramedKnown(NamedTuple):
     allowed: NDArray[np.bool_]
     """Which segments are of the task that was asked for, `[S]`."""
     follower: FramedFollower
-    first: NDArray[np.int64]
-    """The first row of each demonstration, and the end of the last one, `[E + 1]`."""
+    frame: NDArray[np.int64]
+    """Number of each row in its demonstration as it was shown, `[R]`."""
 
 
 class FramedSchemas(nn.Module):
@@ -106,16 +106,32 @@ class FramedSchemas(nn.Module):
             number: its own.
             percepts: `[T, D]`, in their own units.
             begins: how; see `SegmentMemory.append`.
-            shown: the demonstrations up to it.
+            shown: the demonstrations up to it, whole.
             unit: of each scaled dimension, `[D]`.
         """
         extension = self.extension()
         if begins == CONTINUES:
-            how = self.segments.begins()
+            how = self.segments.begins(number)
             first = max(one for one in range(number) if how[one] != CONTINUES)
             extension.episode(shown.percepts[shown.first[first] : shown.first[number]] * unit)
         landmark = self._approach(extension.episode(percepts, goes_on=True)).landmark
         self.segments.append(number, landmark, begins)
+
+    def cut_again(self, shown: Shown, unit: NDArray[np.float64]) -> None:
+        """Cut all demonstrations, whole, of which other frames are kept now; see `cut`."""
+        begins = self.segments.begins(len(shown.frames)).tolist()
+        self.segments.clear()
+        self.forget_derived()
+        for number in np.flatnonzero(shown.frames).tolist():
+            rows = slice(shown.first[number], shown.first[number + 1])
+            percepts = (shown.percepts[rows] * unit).astype(np.float32)
+            self.cut(number, percepts, begins[number], shown, unit)
+
+    def episodes(self) -> NDArray[np.int64]:
+        """Return the number of the episode that each demonstration is a part of, `[E]`."""
+        numbers = self.segments.columns()["demonstration"]
+        count = int(numbers.max()) + 1 if len(numbers) else 0
+        return (self.segments.begins(count) != CONTINUES).cumsum()
 
     def extension(self) -> PerceptExtension:
         """Return what appends to the percepts of an episode what they imply."""
@@ -172,8 +188,8 @@ class FramedSchemas(nn.Module):
         """
         tensors = self.state_dict()
         self.check_state(tensors)
-        self.check_cuts(tensors, np.diff(shown.first), shown.frames)
-        if len(shown.frames) == 0:
+        self.check_cuts(tensors, shown.frames)
+        if not shown.frames.any():
             return None
         segments, bounds = self._derive(shown, unit)
         follower.make_room(segments)
@@ -184,7 +200,7 @@ class FramedSchemas(nn.Module):
             bounds,
             allowed[segments.demonstration],
             follower,
-            shown.first,
+            shown.frame,
         )
 
     def _model(self, segments: Segments) -> AffineArrays | Body:
@@ -198,8 +214,8 @@ class FramedSchemas(nn.Module):
     def _derive(self, shown: Shown, unit: NDArray[np.float64]) -> tuple[Segments, Bounds]:
         """Return the segments of these demonstrations, and the bounds of what was shown."""
         if self._derived is None or self._derived[0] is not shown:
-            kinematics, how = self._kinematics(), self.segments.begins()
-            for number in range(len(self._framed), len(shown.frames)):
+            kinematics, how = self._kinematics(), self.segments.begins(len(shown.frames))
+            for number in np.flatnonzero(shown.frames)[len(self._framed) :]:
                 rows = slice(shown.first[number], shown.first[number + 1])
                 goes_on = how[number] == CONTINUES
                 percepts = self._past.episode(shown.percepts[rows] * unit, goes_on=goes_on)
@@ -217,20 +233,13 @@ class FramedSchemas(nn.Module):
             if model is not None:
                 model.check_state(part_of(tensors, name))
 
-    def check_cuts(
-        self,
-        tensors: Mapping[str, Tensor],
-        rows: NDArray[np.int64],
-        frames: NDArray[np.int64],
-    ) -> None:
-        """Raise a ValueError unless demonstrations are whole and cut whole.
+    def check_cuts(self, tensors: Mapping[str, Tensor], frames: NDArray[np.int64]) -> None:
+        """Raise a ValueError unless demonstrations are cut whole.
 
         Args:
             tensors: a state that was checked.
-            rows: that are kept of each demonstration, `[E]`.
-            frames: that were shown, `[E]`.
+            frames: of each demonstration, `[E]`.
         """
-        check_conditions({"all rows of demonstrations": bool((rows == frames).all())})
         columns = part_of(tensors, "segments.rows.")
         self.segments.check_cuts(frames, {name: one.numpy() for name, one in columns.items()})
 

@@ -46,7 +46,7 @@ def framed_step(
             wanted = limited(wanted, known.model, before, angles)
             known.follower.command = None if is_novel else wanted[known.model.commands]
         target = wanted.astype(np.float32)
-        followed = (Followed(demonstration, row - known.first[demonstration].item(), 1.0),)
+        followed = (Followed(demonstration, known.frame[row].item(), 1.0),)
         begin, end = segments.chain_around(segment)
         first, last = segments.first[begin].item(), segments.end[end - 1].item() - 1
         progress = (row - first) / max(1, last - first)

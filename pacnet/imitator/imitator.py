@@ -292,7 +292,7 @@ class Imitator(ImitatorState):
         """
         normalized = self.sofm.normalize(percepts)
         with self.state_lock:
-            shown, tasks = self.memory.shown(), self.tasks
+            shown, tasks = self.memory.whole(), self.tasks
             detector = snapshot_of(self.novelty_detector)
             attention = self.sofm.read(normalized)
             framed = None if self.frames is None else self._current().framed
@@ -402,7 +402,7 @@ def _is_at_end(known: Known, state: State, slot: int, fps: float) -> bool:
 def _followed(known: Known, state: State) -> tuple[Followed, ...]:
     """Return the demonstrations that decide, the largest weight first."""
     slots = state.weight.nonzero()[0]
-    frames = known.shown.time[state.row[slots]].tolist()
+    frames = known.shown.frame[state.row[slots]].tolist()
     numbers, weights = state.demonstration[slots].tolist(), state.weight[slots].tolist()
     followed = map(Followed, numbers, frames, weights)
     return tuple(sorted(followed, key=lambda one: -one.weight))

@@ -12,12 +12,13 @@ from pacnet.core.drafts import adopt, draft_of
 from pacnet.core.validation import MAX_VALUE
 from pacnet.datasets.demonstrations import Demonstration
 from pacnet.forward_models.correction import LinearCorrection
-from pacnet.imitator.budget import kept_rows
+from pacnet.imitator.budget import importances, kept_rows
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.framed import FramedSchemas
 from pacnet.imitator.novelty import NoveltyDetector, strides
 from pacnet.imitator.records import EpisodeReport, task_name
 from pacnet.schemas.demonstration_memory import DemonstrationMemory
+from pacnet.schemas.keyframes import fitted, keyframes
 from pacnet.schemas.segments import CONTINUES, MIDDLE, WHOLE
 
 _APART = 0.05  # [s] between the frames of a single demonstration that are compared
@@ -100,21 +101,23 @@ class Draft:
         changes = config.scaling.recent(config.fps).changes(scaled)
         changes = (changes * config.scaling.change_ratio).clip(-MAX_VALUE, MAX_VALUE)
         self.memory.append(scaled, changes.astype(np.float32), targets, task, correction)
+        unit = 1 / np.array(config.scaling.scale)
         if self.frames is not None:
-            number, unit = len(self.memory) - 1, 1 / np.array(config.scaling.scale)
-            self.frames.cut(number, percepts.numpy(), begins, self.memory.shown(), unit)
+            whole = self.memory.whole()
+            self.frames.cut(len(self.memory) - 1, percepts.numpy(), begins, whole, unit)
+        if config.budget is not None:
+            self._forget(config, unit)
+        if self.frames is not None:
             return observed, novelty
-        if config.budget is not None and len(self.memory.rows) > config.budget:
-            self._forget(config.budget, self.sofm.scale / percepts.new_tensor(config.scaling.scale))
         if not correction and self.detector.is_due(len(self.memory)):
-            self.detector.calibrate(self.memory.shown())
+            self.detector.calibrate(self.memory.whole())
         return observed, novelty
 
     def _relate(
         self, percepts: NDArray[np.float32], targets: NDArray[np.float32], task: int, fps: float
     ) -> float | None:
         """Compare a demonstration with its neighbours; return its largest novelty."""
-        shown = self.memory.shown()
+        shown = self.memory.whole()
         if not (shown.task == task).any():
             apart = max(1, round(_APART * fps))
             deviations = percepts[apart:] - percepts[:-apart]
@@ -131,13 +134,28 @@ class Draft:
         self.correction.add(deviations, targets[frames] - shown.targets[rows], within=False)
         return novelty
 
-    def _forget(self, budget: int, factor: Tensor) -> None:
-        """Keep no more targets than the budget; `factor` turns scaled percepts into the map's."""
-        node = self.sofm.read(self.memory.rows.live("percept") * factor).winner.numpy()
-        shown = self.memory.shown()
-        rows = np.diff(shown.first)
-        task, demonstration = shown.task.repeat(rows), np.arange(len(rows)).repeat(rows)
-        self.memory.select(kept_rows(task * len(self.sofm) + node, demonstration, budget))
+    def _forget(self, config: ImitatorConfig, unit: NDArray[np.float64]) -> None:
+        """Keep the keyframes of the last demonstration, and of all no more than the budget."""
+        budget, shown = config.budget, self.memory.shown()
+        assert budget is not None
+        first = shown.first[-2].item()
+        columns = {"percept": shown.percepts, "change": shown.changes, "target": shown.targets}
+        frames, important = keyframes(
+            shown.percepts[first:], budget, config.fps, config.scaling.movement
+        )
+        rows = np.r_[np.arange(first), first + frames]
+        keys = shown._replace(
+            percepts=shown.percepts[rows],
+            frame=shown.frame[rows],
+            first=np.r_[shown.first[:-1], len(rows)],
+        )
+        parts = np.arange(len(shown.frames)) if self.frames is None else self.frames.episodes()
+        kept = rows[kept_rows(keys, importances(keys, important), parts, budget)]
+        own = kept[kept >= first] - first
+        last = {name: fitted(column[first:], own) for name, column in columns.items()}
+        self.memory.select(np.isin(np.arange(len(shown.percepts)), kept), last)
+        if self.frames is not None:
+            self.frames.cut_again(self.memory.whole(), unit)
         self.renumbered = True
 
     def replace(self) -> None:

@@ -111,7 +111,8 @@ class ImitatorState(nn.Module):
         if known is None or self.frames is None:
             return ()
         landmark = self.frames.segments.columns()["landmark"]
-        return cuts_of(known.segments, landmark, self.frames.config.points)
+        points = self.frames.config.points
+        return cuts_of(known.segments, landmark, known.frame, points, len(self.reports))
 
     def followed_scene(self) -> Scene:
         """Return where the points are in this episode, and were at the moment followed: two rows.
@@ -160,7 +161,7 @@ class ImitatorState(nn.Module):
 
     def _take(self) -> Known:
         """Return what is known; no thread may be changing it."""
-        shown, config = self.memory.shown(), self.config
+        shown, config = self.memory.whole(), self.config
         for part in (self.correction, self.novelty_detector):
             part.check_state(part.state_dict())
         correction = Correction(
@@ -282,8 +283,8 @@ class ImitatorState(nn.Module):
         check_structure(self, tensors)
         check_conditions({"a finite first action": tensors["first_action"].isfinite().all()})
         if self.frames is not None:
-            own, of = part_of(tensors, "frames."), part_of(tensors, "memory.demonstrations.")
-            self.frames.check_cuts(own, of["rows"].numpy(), of["frames"].numpy())
+            own, memory = part_of(tensors, "frames."), part_of(tensors, "memory.")
+            self.frames.check_cuts(own, self.memory.frames_of(memory))
 
     def _check_reports(self, task: list[int], count: int) -> None:
         """Raise a ValueError unless each demonstration has a report, and its task's number."""

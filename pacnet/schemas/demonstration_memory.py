@@ -25,6 +25,7 @@ from pacnet.core.integrity import (
     check_structure,
     within,
 )
+from pacnet.schemas.interpolation import durations, interpolated, played
 
 _LEAF = 32  # frames in a box
 _INTEGER = Column((), torch.int64)
@@ -43,11 +44,13 @@ class Shown(NamedTuple):
     targets: NDArray[np.float32]
     """`[R, A]`."""
     time: NDArray[np.int64]
-    """Number of each frame in its demonstration, ascending, `[R]`."""
+    """Number of each frame in its demonstration as it is followed, ascending, `[R]`."""
+    frame: NDArray[np.int64]
+    """Number of each frame in its demonstration as it was shown, ascending, `[R]`."""
     first: NDArray[np.int64]
     """The first row of each demonstration, and the end of the last one, `[E + 1]`."""
     frames: NDArray[np.int64]
-    """Number of frames that each demonstration had when it was shown, `[E]`."""
+    """Number of frames of each demonstration, whether they are kept or not, `[E]`."""
     pace: NDArray[np.float64]
     """Mean distance from one frame to the next, scaled, `[E]`."""
     task: NDArray[np.int64]
@@ -89,6 +92,7 @@ class DemonstrationMemory(nn.Module):
             }
         )
         self._shown: Shown | None = None
+        self._whole: tuple[Shown, Shown] | None = None  # of what is kept, and with all frames
         self._versions: BufferVersions | None = None
         check_on_load(self)
 
@@ -115,10 +119,19 @@ class DemonstrationMemory(nn.Module):
         _append(self.demonstrations, 1, of)
         self._keep(_with_one_more(shown, self._arrays(), percepts))
 
-    def select(self, rows: NDArray[np.bool_]) -> None:
-        """Keep only some rows, bool `[R]`; each demonstration keeps its place, even without any."""
+    def select(
+        self, rows: NDArray[np.bool_], last: Mapping[str, NDArray[np.float32]] | None = None
+    ) -> None:
+        """Keep only some rows, bool `[R]`; each demonstration keeps its place, even without any.
+
+        Args:
+            rows: which of them are kept.
+            last: name of a column -> its values at the last rows that are kept.
+        """
         kept = np.diff(np.r_[0, np.cumsum(rows)][self.shown().first])
         self.rows.select(torch.from_numpy(rows.nonzero()[0]))
+        for name, values in (last or {}).items():
+            self.rows.live(name)[len(self.rows) - len(values) :] = torch.from_numpy(values)
         self.demonstrations.copy_memory()  # a thread that reads them sees them unchanged
         self.demonstrations.live("rows").copy_(torch.from_numpy(kept))
         self._shown = None
@@ -134,6 +147,25 @@ class DemonstrationMemory(nn.Module):
             self.check_state(self.state_dict())
             shown = self._keep(_with_boxes(self._arrays()))
         return shown
+
+    def whole(self) -> Shown:
+        """Return the demonstrations with all frames, as they are followed; see `interpolated`.
+
+        Raises:
+            ValueError: as `shown`.
+        """
+        shown = self.shown()
+        if self._whole is None or self._whole[0] is not shown:
+            whole = interpolated(shown)
+            self._whole = shown, whole if whole is shown else _with_boxes(whole)
+        return self._whole[1]
+
+    @staticmethod
+    def frames_of(tensors: Mapping[str, Tensor]) -> NDArray[np.int64]:
+        """Return how many frames `whole` has of each demonstration in a checked state, `[E]`."""
+        percepts, frame = tensors["rows.percept"].numpy(), tensors["rows.time"].numpy()
+        rows = tensors["demonstrations.rows"].numpy()
+        return played(durations(percepts, frame, rows), rows)
 
     def snapshot(self) -> DemonstrationMemory:
         """Return a memory with the same rows, to which more may be appended."""
@@ -156,7 +188,7 @@ class DemonstrationMemory(nn.Module):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out of copies what is derived from the rows."""
-        return {**self.__dict__, "_shown": None, "_versions": None}
+        return {**self.__dict__, "_shown": None, "_whole": None, "_versions": None}
 
     def _keep(self, shown: Shown) -> Shown:
         self._versions, self._shown = BufferVersions(self), shown
@@ -169,7 +201,7 @@ class DemonstrationMemory(nn.Module):
         own = {name: column.numpy().copy() for name, column in of.items()}
         none, box = np.zeros(1, np.int64), np.zeros((0, rows["percept"].shape[1]), np.float32)
         return Shown(
-            rows["percept"], rows["change"], rows["target"], rows["time"],
+            rows["percept"], rows["change"], rows["target"], rows["time"], rows["time"],
             np.r_[0, np.cumsum(own["rows"])], own["frames"], own["pace"].astype(np.float64),
             own["task"], own["correction"] > 0,
             none, none, box, box,

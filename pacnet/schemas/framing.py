@@ -34,7 +34,7 @@ from pacnet.schemas.scene import (
     rotate,
 )
 from pacnet.schemas.segments import CONTINUES, NO_SEGMENT, Segments
-from pacnet.schemas.smoothing import smoothed_scene
+from pacnet.schemas.smoothing import moving_average, smoothed_scene
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -80,7 +80,7 @@ def framed(
     velocity[1:, pose_dimensions(config.points.moved)] = np.diff(poses, axis=0)
     model = config.forward_model
     relative = actions if model is None else actions - placed(poses, model.follows)
-    averaged = _averaged(relative.astype(np.float64), round(_ACTION_TIME * fps))
+    averaged = moving_average(relative, round(_ACTION_TIME * fps))
     hand = np.zeros((len(poses), 7))
     if config.body is not None and kinematics is not None:
         from pacnet.forward_models.kinematic_kernels import poses_at  # imports numba
@@ -94,14 +94,6 @@ def framed(
         carried(scene.places, config.size, fps),
         hand,
     )
-
-
-def _averaged(rows: Array, frames: int) -> Array:
-    """Return rows `[T, U]`, each the mean of so many around it, an odd number."""
-    half = max(0, frames // 2)
-    padded = np.pad(rows, ((half, half), (0, 0)), mode="edge")
-    sums = np.concatenate([np.zeros((1, rows.shape[1])), padded.cumsum(axis=0)])
-    return (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
 
 
 def segments_of(

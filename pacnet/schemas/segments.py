@@ -129,10 +129,15 @@ class SegmentMemory(nn.Module):
         """Return a copy of what is kept of each segment, by name, `[S]` each."""
         return {name: self.rows.live(name).numpy().copy() for name in self.rows.columns}
 
-    def begins(self) -> Numbers:
-        """Return how each of E demonstrations begins; see `append`, `[E]`."""
-        number, begins = self.rows.live("demonstration").numpy(), self.rows.live("begins").numpy()
-        return begins[np.flatnonzero(np.diff(number, prepend=-1))]
+    def begins(self, demonstrations: int) -> Numbers:
+        """Return how each of E demonstrations begins, `[E]`; see `append`. `WHOLE` without cuts."""
+        out = np.full(demonstrations, WHOLE)
+        out[self.rows.live("demonstration").numpy()] = self.rows.live("begins").numpy()
+        return out
+
+    def clear(self) -> None:
+        """Forget all cuts."""
+        self.rows.select(torch.empty(0, dtype=torch.int64))
 
     def versions(self) -> BufferVersions:
         """Return a record of the state, to detect later that it was changed."""

@@ -81,6 +81,14 @@ def smooth(places: Array, gains: Sequence[tuple[float, float]]) -> Array:
     return np.where((table[:, 0] >= _CLEAR)[:, None], places, both)
 
 
+def moving_average(rows: NDArray[np.floating], frames: int) -> Array:
+    """Return rows `[T, D]`, each the mean of so many around it, an odd number."""
+    half = max(0, frames // 2)
+    padded = np.pad(rows.astype(np.float64), ((half, half), (0, 0)), mode="edge")
+    sums = np.concatenate([np.zeros((1, rows.shape[1])), padded.cumsum(axis=0)])
+    return (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
+
+
 def _filter(places: Array, gains: Array) -> Array:
     """Return places `[T, P, 3]`, filtered in order of time."""
     out, place, speed = np.empty_like(places), places[0].copy(), np.zeros_like(places[0])
