@@ -83,13 +83,13 @@ def clusters_online(choice: Choice) -> Numbers:
 def habituated(choice: Choice) -> Numbers:
     """Return the frame at which each node of the paper's map won last while it was habituated."""
     seen = _grow(choice, winner_tau=WINNER_TAU)
-    return _last_of_each(seen.winner, seen.ignored & ~seen.novelty)
+    return _last_of_each(seen, seen.ignored & ~seen.novelty)
 
 
 def unhabituated(choice: Choice) -> Numbers:
     """Return the frame at which each node of a map won last that never habituates."""
     seen = _grow(choice, ignore_when_habituated=False)
-    return _last_of_each(seen.winner, ~seen.novelty | seen.inserted)
+    return _last_of_each(seen, ~seen.novelty | seen.inserted)
 
 
 def novel(choice: Choice) -> Numbers:
@@ -134,8 +134,10 @@ def _grow(choice: Choice, **fields: float | bool) -> Observation:
     return best
 
 
-def _last_of_each(winner: torch.Tensor, counts: torch.Tensor) -> Numbers:
-    """Return the last sample that counts at each node."""
+def _last_of_each(seen: Observation, counts: torch.Tensor) -> Numbers:
+    """Return the last sample that counts at each node, which it won or which made it."""
+    made = seen.inserted.cumsum(0) - 1  # no node was deleted, so they are numbered in order
+    node = torch.where(seen.inserted, made, seen.winner)
     samples = counts.nonzero().flatten()
-    last = dict(zip(winner[samples].tolist(), samples.tolist(), strict=True))
+    last = dict(zip(node[samples].tolist(), samples.tolist(), strict=True))
     return np.sort(np.array([*last.values()], np.int64))

@@ -20,11 +20,13 @@ PLAIN, RESTS = "no rests", "rests of a minute"
 STREAMS = (PLAIN, RESTS)
 SCORES = ("wf", "tight")
 BUDGET = 30  # targets
-FEW, MANY = 8, 50  # nearest cues whose targets are averaged: of a few targets, and of all
+ONE, FEW, MANY = 1, 8, 50  # nearest cues whose targets are averaged
 STEPS = 2500  # of a run alone
 
 PACNET, ALL = "PACNet (budget=)", f"{MANY}-NN over all frames"
-ROWS = (PACNET, *RULES, ALL)
+RESERVOIR = "random frames (a reservoir)"
+RESERVOIR_ONE = f"{RESERVOIR}, {ONE}-NN"
+ROWS = (PACNET, *RULES, RESERVOIR_ONE, ALL)  # k-NN over FEW of what rules keep, but for one row
 
 
 def score(stream: str, seed: int) -> dict[str, float]:
@@ -46,7 +48,10 @@ def score(stream: str, seed: int) -> dict[str, float]:
     drivers: dict[str, Driver] = {PACNET: Recalling(network, seed)}
     for row, rule in RULES.items():
         kept = rule(Choice(cues.double().numpy(), of, BUDGET, seed))
-        drivers[row] = NearestTargets(cues[kept], targets[kept], FEW, model, seed)
+        count = min(FEW, len(kept))
+        drivers[row] = NearestTargets(cues[kept], targets[kept], count, model, seed)
+        if row == RESERVOIR:
+            drivers[RESERVOIR_ONE] = NearestTargets(cues[kept], targets[kept], ONE, model, seed)
     drivers[ALL] = NearestTargets(cues, targets, MANY, model, seed)
     scores = {}
     for row, driver in drivers.items():
@@ -56,9 +61,9 @@ def score(stream: str, seed: int) -> dict[str, float]:
 
 
 def _within_budget(model: MLPForwardModel, episodes: Sequence[Episode]) -> PACNet:
-    """Return PACNet taught within the budget, which averages over as many cues as the others."""
+    """Return PACNet taught within the budget; its targets are means already."""
     unbounded = make_network(model).config
-    schemas = replace(unbounded.schemas, budget=BUDGET, nearest_cues=FEW)
+    schemas = replace(unbounded.schemas, budget=BUDGET, nearest_cues=ONE)
     network = PACNet(PACNetConfig(unbounded.attention, schemas), model)
     teach(network, episodes, leave_bar=False)
     return network
