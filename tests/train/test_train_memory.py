@@ -108,7 +108,7 @@ def test_after_a_rest_the_keyframes_drink_alone_and_random_frames_do_not(monkeyp
     assert errors[f"{BUDGET} | {rare}"] > 2 * errors[f"{BUDGET} | {alone.ALL}"]
 
 
-def fake_replicates(seeds, episodes, _body):
+def fake_replicates(seeds, episodes, _body, experiments):
     """Scores of every cell, which differ between replicates."""
     for seed in seeds:
         acted = {
@@ -129,7 +129,8 @@ def fake_replicates(seeds, episodes, _body):
             for score in walls.SCORES
             for row in walls.ROWS
         }
-        yield {ALONE: acted, CUES: found, WALLS: followed}
+        every = {ALONE: acted, CUES: found, WALLS: followed}
+        yield {name: every[name] for name in experiments}
 
 
 def test_a_run_writes_scores_of_all_replicates_a_figure_and_tables(tmp_path, monkeypatch, capsys):
@@ -144,3 +145,13 @@ def test_a_run_writes_scores_of_all_replicates_a_figure_and_tables(tmp_path, mon
     assert metrics[WALLS][f"{walls.RESTS} | tight | {walls.PACNET}"]["mean"] == 4.75
     assert [path.name for path in (folder / "figures").iterdir()] == ["memory.png"]
     assert "5.00 ± 0.71" in capsys.readouterr().out
+
+
+def test_one_of_the_experiments_can_be_run_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(memory, "run_replicates", fake_replicates)
+    monkeypatch.setattr(sys, "argv", ["memory", "--only", WALLS, "--runs", str(tmp_path)])
+    memory.main()
+    metrics = json.loads((only_run(tmp_path) / "metrics.json").read_text())
+    assert WALLS in metrics
+    assert ALONE not in metrics
+    assert "following walls alone" in capsys.readouterr().out
