@@ -137,7 +137,6 @@ def test_it_is_continued_with_its_own_body(
     [
         (("--points", "none"), "argument --body: not with --points none, it needs a landmark"),
         (("--targets", "state"), "argument --body: not with --targets state"),
-        (("--budget", "100"), "argument --body: not with --budget"),
     ],
 )
 def test_usage_is_checked(
