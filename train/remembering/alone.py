@@ -82,7 +82,7 @@ def _with_frames_of(
 def _keep(whole: Imitator, kept: NDArray[np.bool_]) -> Imitator:
     imitator = whole.fork()
     assert imitator.frames is not None
+    before = imitator.memory.whole()
     imitator.memory.select(kept)
-    unit = 1 / np.array(imitator.config.scaling.scale)
-    imitator.frames.cut_again(imitator.memory.whole(), unit)
+    imitator.frames.cut_again(before, imitator.memory.whole())
     return imitator
