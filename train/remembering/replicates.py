@@ -26,9 +26,9 @@ Scores = dict[str, dict[str, float]]  # experiment -> "stream | budget | row" ->
 def budgets_alone(stream: str, episodes: int) -> dict[int, int]:
     """Return budget -> number of episodes in which somebody acts alone.
 
-    All of them are played after rests, at `BUDGET`; elsewhere a fifth.
+    All of them are played after rests, at `BUDGET`; elsewhere a tenth.
     """
-    few = -(-episodes // 5)
+    few = -(-episodes // 10)
     if stream not in (PLAIN, RESTS):
         return {BUDGET: few}
     return dict.fromkeys(CURVE, few) | ({BUDGET: episodes} if stream == RESTS else {})
