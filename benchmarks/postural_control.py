@@ -61,7 +61,7 @@ def torque_drive(
     dofs = physics.velocity_at
     if joint_damping is not None:
         physics.model.dof_damping[dofs] = joint_damping
-    controller = _controller(kd_per_kp, CONTROL_TIMESTEP / n_updates)
+    controller = make_controller(kd_per_kp, CONTROL_TIMESTEP / n_updates)
     load = torch.tensor(physics.data.qfrc_bias[dofs], dtype=torch.float32)
     controller.integral = load / controller.ki  # start with an integral that holds the arms up
     n_substeps = round(CONTROL_TIMESTEP / n_updates / physics.timestep())
@@ -79,7 +79,7 @@ def torque_drive(
     return drive
 
 
-def _controller(kd_per_kp: float, dt: float) -> PIDController:
+def make_controller(kd_per_kp: float, dt: float) -> PIDController:
     """Return the library's controller with the scene's proportional and integral gains."""
     kp = [humanoid.stiffness(joint) for joint in JOINTS]
     ki = [humanoid.KI_PER_KP * gain for gain in kp]  # [N m/(rad s)]

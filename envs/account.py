@@ -23,7 +23,7 @@ def account(
         state: Of the scene.
         grips: Of both bodies.
         deeds: Of both bodies; updated.
-        behaviour: "drink", "toast" or "move".
+        behaviour: "drink", "toast", "move" or "aside".
         place: Final place of both glasses `[2]` [m].
 
     Returns:

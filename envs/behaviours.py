@@ -1,8 +1,9 @@
-"""The demonstrator's behaviours: drink, toast and move, each as postures and a schedule.
+"""The demonstrator's behaviours: drink, toast, move and aside, each as postures and a schedule.
 
 In a toast the glass and the other hand are raised before the drink, and the hand stays on the table
 at the end; drink and toast are identical up to the grasp. In a move the glass is carried over the
-table, with the head turned to its goal and the left hand off the table.
+table, with the head turned to its goal and the left hand off the table. Aside is a drink, but the
+glass is put down beside the place it was taken from.
 """
 
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import numpy as np
 
 from envs.held_glass import UP, HeldGlass
 from envs.kinematics import BodyPose
-from envs.task import MOVE, TOAST_POINT
+from envs.task import ASIDE, MOVE, TOAST_POINT
 
 PHASES = (
     "rest",
@@ -75,15 +76,16 @@ REST = (0.0, 0.0, 0.0, -43.0, 59.0, -40.0, 116.0, *LEFT_ARM)
 REST_POSTURE = np.deg2rad(REST)
 
 _DOWN = _upright_by(-PRESS * UP)
-_MOVED = np.array((*MOVE, 0.0))
+_MOVED, _ASIDE = np.array((*MOVE, 0.0)), np.array((*ASIDE, 0.0))
 
 _BEGINNING = (
     Movement("rest", ("rest",), 0.3),
     Movement("approach", ("rest", "pre", "grasp"), 1.8),
     Movement("grasp", ("grasp",), 0.4),
 )
+_SIP = Movement("drink", ("mouth", "drink", "mouth"), 1.2)
 _DRINK_AND_PUT = (
-    Movement("drink", ("mouth", "drink", "mouth"), 1.2),
+    _SIP,
     Movement("put", ("mouth", "above", "put"), 2.1),
     Movement("release", ("put",), 0.4),
 )
@@ -160,4 +162,21 @@ MOVE_OVER = Behaviour(
         Movement("rest", ("rest",), 0.3),
     ),
 )
-BEHAVIOURS = {"drink": DRINK, "toast": TOAST, "move": MOVE_OVER}
+PUT_ASIDE = Behaviour(
+    postures=DRINK.postures,
+    carried={
+        **DRINK.carried,
+        "over": ("lift", _upright_by(_ASIDE + CLEARANCE * UP)),
+        "there": ("grasp", _upright_by(_ASIDE - PRESS * UP)),
+    },
+    schedule=(
+        *_BEGINNING,
+        Movement("lift", ("grasp", "above", "mouth"), 2.0),
+        _SIP,
+        Movement("put", ("mouth", "over", "there"), 2.1),
+        Movement("release", ("there",), 0.4),
+        Movement("withdraw", ("there", "pre", "rest"), 1.7),
+        Movement("rest", ("rest",), 0.3),
+    ),
+)
+BEHAVIOURS = {"drink": DRINK, "toast": TOAST, "move": MOVE_OVER, "aside": PUT_ASIDE}

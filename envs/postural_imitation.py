@@ -48,9 +48,10 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     The demonstrator shows one behaviour. ``drink``: it takes its glass to the mouth, drinks and
     puts it back. ``toast``: the same, but it first raises the glass towards the other body, and at
     the end its hand stays beside the glass. ``move``: it puts the glass down elsewhere on the
-    table. A mishap can spoil an episode: a ``tremor`` of the right arm, ``interrupted`` soon after
-    the glass was taken, or a ``miss``: the hand closes beside the glass and continues empty. The
-    glasses stand within 1 cm of their nominal place, or elsewhere by an option of `reset`.
+    table. ``aside``: a drink, after which the glass is put down 10 cm to the right. A mishap can
+    spoil an episode: a ``tremor`` of the right arm, ``interrupted`` soon after the glass was taken,
+    or a ``miss``: the hand closes beside the glass and continues empty. The glasses stand within
+    1 cm of their nominal place, or elsewhere by an option of `reset`.
     ``info`` says whether demonstrator and imitator have completed the behaviour (`envs.task`), and
     where the imitator's grip is: ``imitator_grip`` `[3]` [m] and ``imitator_hand`` `[3, 3]`, the
     rotation of its hand, in its body frame, as of `envs.kinematics.BodyKinematics.pose`.
@@ -99,7 +100,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             noise_scale: Factor on the perceptual noise; 0 for none.
             width: Of a rendered picture [pixels].
             height: Of a rendered picture [pixels].
-            behaviour: "drink", "toast" or "move".
+            behaviour: "drink", "toast", "move" or "aside".
 
         Raises:
             ValueError: An argument is out of its range.

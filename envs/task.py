@@ -1,7 +1,8 @@
 """Measures of the tasks: what was done with a glass, and whether it stands at its final place.
 
 A drink takes the rim to the mouth and the glass back to its place. In a toast the glass is raised
-before the drink. A move takes the glass to another place, without a drink.
+before the drink. A move takes the glass to another place, without a drink. Aside is a drink after
+which the glass is put down beside the place it was taken from.
 """
 
 import math
@@ -18,6 +19,8 @@ STANDING_HEIGHT = 0.01  # [m] largest deviation of its height from a standing gl
 TOAST_POINT = (0.54, -0.17, 0.46)  # [m] of the glass's middle, body frame
 TOAST_DISTANCE = 0.06  # [m] largest distance from there in a toast; a drink stays twice as far away
 MOVE = (-0.06, -0.21)  # [m] by which a move takes the glass towards its body and to the right
+ASIDE = (0.0, -0.10)  # [m] to the right, where a glass is put down aside
+_CARRIED = {"move": MOVE, "aside": ASIDE}  # [m]
 
 
 class TaskMeasures(NamedTuple):
@@ -44,7 +47,7 @@ class Deeds:
         self.toasted |= not self.mouth_reached and measured.glass_to_toast <= TOAST_DISTANCE
 
     def fulfil(self, behaviour: str) -> bool:
-        """Return whether they complete "drink", "toast" or "move"."""
+        """Return whether they complete "drink", "toast", "move" or "aside"."""
         if behaviour == "move":
             return not self.mouth_reached
         return self.mouth_reached and self.toasted == (behaviour == "toast")
@@ -52,7 +55,7 @@ class Deeds:
 
 def final_place(behaviour: str, place: np.ndarray) -> np.ndarray:
     """Return the place `[2]` [m] at the end of a glass that stood at `place` `[2]` [m]."""
-    return place + MOVE if behaviour == "move" else place
+    return place + _CARRIED.get(behaviour, (0.0, 0.0))
 
 
 def measure(

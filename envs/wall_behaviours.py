@@ -25,6 +25,8 @@ _SOMETHING = 0.06  # least reading that is not noise
 _SEARCH_AFTER = 30  # [steps] without a reading; rounding a wall's end takes 25
 _MAX_TURN_IN = 1.26  # [rad/s] towards the wall: rounds an edge at 4.8 cm
 
+DRIVING, RESTING = 106, 600  # [steps] of a teacher that rests, in turn
+
 GAP = 0.13  # [m] along the trail between the teacher and its follower
 WALL_DISTANCE = 0.026  # [m] from the rim, at which a wall follower stays
 _LOOK_AHEAD = 0.03  # [m] along the trail
@@ -44,6 +46,8 @@ class WallFollower:
     Args:
         side: Of the wall.
     """
+
+    rests = False  # always
 
     def __init__(self, side: Side) -> None:
         self.side: Side = side
@@ -66,6 +70,25 @@ class WallFollower:
         )
         turn = np.minimum(np.maximum(turn, -MAX_TURN), _MAX_TURN_IN)
         return wheel_speeds(CRUISE, to_the_wall * float(turn))
+
+
+class RestingFollower(WallFollower):
+    """Follows a wall and stops for a minute now and then: it rests 85 % of the time."""
+
+    def __init__(self, side: Side) -> None:
+        super().__init__(side)
+        self._steps = 0
+
+    @property
+    def rests(self) -> bool:
+        """Whether it stands still in the next step."""
+        return self._steps % (DRIVING + RESTING) >= DRIVING
+
+    def act(self, infrared: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return wheel speeds `[2]` [m/s] for six readings `[6]`, left to right."""
+        rests = self.rests
+        self._steps += 1
+        return np.zeros(2) if rests else super().act(infrared)
 
 
 class TrailFollower:

@@ -20,7 +20,7 @@ from envs.arena_physics import ArenaPhysics
 from envs.arena_scene import CONTROL_TIMESTEP, MAX_HEIGHT, MAX_WIDTH
 from envs.khepera import INFRARED_NAMES, MAX_WHEEL_SPEED
 from envs.placement import following_poses, open_pose, wall_pose
-from envs.wall_behaviours import CRUISE, WALL_DISTANCE, Side, WallFollower
+from envs.wall_behaviours import CRUISE, WALL_DISTANCE, RestingFollower, Side, WallFollower
 
 NOISE = 0.01  # standard deviation of a reading
 NEAR = 0.05  # [m] from the rim, within which a wall counts as beside the robot
@@ -44,7 +44,8 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     Info: `pose` `[3]` [m, m, rad], `wall_distance` [m] from the rim, `wall_side` (1 left, -1 right,
     0 none within 50 mm), `progress` [m] along the nearest wall in this step, `contact`, and
-    `teacher_pose` `[3]` if there is a teacher.
+    if there is a teacher, `teacher_pose` `[3]` and `teacher_rests`: whether it stands still in the
+    next step.
 
     Episodes neither terminate nor truncate by themselves; `gymnasium.make` ends them after 2,500
     steps.
@@ -64,6 +65,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         camera: str = "top",
         width: int = 640,
         height: int = 360,
+        teacher_rests: bool = False,
     ) -> None:
         """Compile the arena.
 
@@ -75,6 +77,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             camera: "top" sees the whole arena, "chase" follows the learner.
             width: Of a rendered picture [pixels].
             height: Of a rendered picture [pixels].
+            teacher_rests: Whether the teacher stops for a minute now and then.
 
         Raises:
             ValueError: An argument is out of its range.
@@ -87,6 +90,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         robots = ("learner",) if teacher is None else ("learner", "teacher")
         self._physics = ArenaPhysics.build(self.arena, robots)
         self._side: Side | None = teacher
+        self._kind = RestingFollower if teacher_rests else WallFollower
         self._teacher: WallFollower | None = None  # until reset
         self._noise = NOISE * noise_scale
         self._was_reset = False
@@ -112,7 +116,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if wall is not None and self._side is not None:
             raise ValueError(f"options must be empty with a teacher, got {options!r}")
         super().reset(seed=seed, options=options)
-        self._teacher = None if self._side is None else WallFollower(self._side)
+        self._teacher = None if self._side is None else self._kind(self._side)
         self._physics.begin(self._draw_poses(wall))
         self._was_reset = True
         return self._perceive(LEARNER), self._describe(self._physics.poses[LEARNER])
@@ -224,6 +228,7 @@ class WallFollowingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         }
         if self._teacher is not None:
             info["teacher_pose"] = poses[TEACHER]
+            info["teacher_rests"] = self._teacher.rests
         return info
 
 

@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     wandering = load_wandering(folder / "dataset")
 
     model = make_forward_model(seed)
-    report, losses = fit(model, wandering, seed)
+    report, losses = fit(model, [wandering], seed)
     model.save_pretrained(folder / "checkpoint")
 
     model = MLPForwardModel.from_pretrained(folder / "checkpoint")

@@ -28,6 +28,7 @@ from train.common.runs import (
     write_metrics,
 )
 from train.common.summary import Summary
+from train.common.typical import load_typical
 from train.postural.alone.drawing import draw as draw_alone
 from train.postural.alone.drawing import furthest
 from train.postural.alone.film import film as film_alone
@@ -38,6 +39,8 @@ from train.postural.episodes import Condition, recall_episodes, recall_seeds
 from train.postural.learning import NOVELTY_THRESHOLD, make_network
 from train.postural.report import draw, film, print_table
 from train.postural.scores import Scores, score_episodes, score_order, winners_of
+
+TYPICAL = "checkpoints/postural_imitation/alone.json"  # what is printed beside one replicate
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -94,7 +97,8 @@ def run(arguments: argparse.Namespace, body: KinematicModel, folder: Path) -> No
         )
         log.pictures(*sorted((folder / "figures").iterdir()), *sorted(folder.glob("*.gif")))
     print_table(scores)
-    print_tables(summary)
+    several = arguments.replicates > 1  # which show their own spread
+    print_tables(summary, None if several else load_typical(TYPICAL, "alone"))
     print(f"\nscores    {folder / 'metrics.json'}")
     print(f"figures   {folder / 'figures'}")
     print(f"videos    {folder / 'recall.mp4'}, {folder / 'alone.mp4'}")

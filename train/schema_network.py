@@ -2,7 +2,8 @@
 
 Three behaviours are segmented by hand into perceptual-motor pairs: drink 1-2-3-4-5, toast
 1-6-7-8-9, move 10-11-12-13. PACNet learns from the same demonstrations, one of each behaviour, and
-segments them itself. Both then imitate new noisy episodes. Writes the demonstrations as a LeRobot
+segments them itself. A third system is a schema network whose schemas are what PACNet's nodes win.
+All then imitate new noisy episodes. Writes the demonstrations as a LeRobot
 dataset, both checkpoints, scores, figures and a tensorboard log into
 `runs/schema_network/<time>-seed<N>/`.
 """
@@ -17,6 +18,7 @@ from typing import Any
 
 import torch
 from matplotlib.figure import Figure
+from torch import Tensor
 from tqdm import tqdm
 
 from envs.physics import CONTROL_TIMESTEP
@@ -43,6 +45,7 @@ from train.postural.learning import (
     make_network,
 )
 from train.postural.schema_network.episodes import (
+    BY_ATTENTION,
     PACNET,
     SCHEMA_NETWORK,
     SCHEMA_NETWORK_HELD,
@@ -63,9 +66,11 @@ from train.postural.schema_network.figures import (
 from train.postural.schema_network.scores import (
     GRASPING,
     score_duplicates,
+    score_order,
     score_schemas,
     score_system,
 )
+from train.postural.schema_network.segments import Division, divide
 
 PASSES = 3  # over the demonstrations: nodes that win rarely need several to habituate
 
@@ -92,10 +97,12 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     with LearningLog(folder / "tensorboard") as log:
         pacnet = teach(load_demonstrations(folder / "dataset"), log)
         pacnet.save_pretrained(folder / "checkpoint" / "pacnet")
+        division = divide(shown, pacnet)
+        division.network.save_pretrained(folder / "checkpoint" / "by_attention")
 
         seeds = deal(recall_seeds(arguments.seed, len(SCHEMAS) * arguments.episodes))
         episodes = held_out_episodes(folder / "checkpoint", seeds)
-        scores = score(episodes, schemas, pacnet)
+        scores = score(episodes, schemas, division, pacnet)
         command = command_line("train.schema_network", arguments)
         write_metrics(folder / "metrics.json", command, arguments.seed, scores)
         save_figures(folder / "figures", draw(episodes, schemas, scores))
@@ -141,7 +148,9 @@ def teach(demonstrations: Demonstrations, log: LearningLog) -> PACNet:
     return network.eval()
 
 
-def score(episodes: Sequence[Episode], schemas: SchemaNetwork, pacnet: PACNet) -> dict[str, Any]:
+def score(
+    episodes: Sequence[Episode], schemas: SchemaNetwork, division: Division, pacnet: PACNet
+) -> dict[str, Any]:
     """Return all that `metrics.json` holds."""
     systems: dict[str, dict[str, dict[str, Any]]] = {}
     for system in SYSTEMS:
@@ -151,15 +160,17 @@ def score(episodes: Sequence[Episode], schemas: SchemaNetwork, pacnet: PACNet) -
             values = score_system(some, system)
             if system in (SCHEMA_NETWORK, SCHEMA_NETWORK_HELD):
                 values |= score_schemas(some, system)
+            elif system == BY_ATTENTION:
+                values |= score_order(some, system, division.orders[behaviour])
             systems[system][behaviour] = values
     nodes = [pacnet.schemas.targets(node) for node in range(len(pacnet.sofm))]
-    pairs = [schemas.targets(schema) for schema in range(len(schemas))]
     return {
         "demonstrations_per_behaviour": 1,
         "lessons_of_pacnet": PASSES,
         "episodes_per_behaviour": len(episodes) // len(SCHEMAS),
         "duplicates": {
-            SCHEMA_NETWORK: score_duplicates(pairs),
+            SCHEMA_NETWORK: score_duplicates(_targets(schemas)),
+            BY_ATTENTION: score_duplicates(_targets(division.network)),
             PACNET: score_duplicates([targets for targets in nodes if len(targets)]),
         },
         "switches_pacnet_to_schema_network": {
@@ -168,6 +179,10 @@ def score(episodes: Sequence[Episode], schemas: SchemaNetwork, pacnet: PACNet) -
         },
         "systems": systems,
     }
+
+
+def _targets(schemas: SchemaNetwork) -> list[Tensor]:
+    return [schemas.targets(schema) for schema in range(len(schemas))]
 
 
 def draw(

@@ -31,7 +31,8 @@ from train.common.runs import (
 )
 from train.common.summary import summarise
 from train.walls.conditions import STEPS, Scores, replicates, run_conditions
-from train.walls.episodes import Place, Recalling, act_alone, alone_seed
+from train.walls.drivers import Recalling
+from train.walls.episodes import Place, act_alone, alone_seed
 from train.walls.learning import (
     TRANSITIONS,
     fit,
@@ -42,10 +43,14 @@ from train.walls.learning import (
     record_following,
     record_wandering,
     teach,
+    walks_of,
 )
-from train.walls.report import draw, draw_conditions, film, print_conditions
+from train.walls.report import draw, draw_conditions, film, print_conditions, print_typical
 from train.walls.scores import cluster_agreement, name_clusters, score_run
 from train.walls.variants import Learned
+
+# In a clone.
+SHIPPED = Path(__file__).parents[1] / "checkpoints" / "wall_following" / "metrics.json"
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -117,13 +122,13 @@ def learn(seed: int, where: str | int, folder: Path, log: LearningLog) -> Learne
     """Record, learn from the records, save, and load what was saved."""
     record_wandering(folder / "wandering", where, seed, TRANSITIONS)
     wandering = load_wandering(folder / "wandering")
+    record_following(folder / "dataset", where, seed)
+    episodes = load_episodes(folder / "dataset")
     model = make_forward_model(seed)
-    _, losses = fit(model, wandering, seed)
+    _, losses = fit(model, walks_of(wandering, episodes), seed)
     log.losses(losses.tolist())
     model.save_pretrained(folder / "forward_model")
 
-    record_following(folder / "dataset", where, seed)
-    episodes = load_episodes(folder / "dataset")
     network = make_network(model)
     teach(network, episodes, log)
     network.save_pretrained(folder / "checkpoint")
@@ -163,6 +168,7 @@ def _print(folder: Path, scores: dict[str, Any], summary: dict[str, Any]) -> Non
     for name, value in scores.items():
         print(f"{name:32}{value:>12.4f}" if isinstance(value, float) else f"{name:32}{value:>12}")
     print_conditions(summary)
+    print_typical(SHIPPED)
     print(f"\nscores         {folder / 'metrics.json'}")
     print(f"figures        {folder / 'figures'}")
     print(f"video          {folder / 'recall.mp4'}")

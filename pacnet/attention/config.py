@@ -39,7 +39,7 @@ class SOFMConfig:
         winner_tau: τ of the winner, in firings.
         neighbour_tau: τ of the neighbours, in firings.
         forgetting_interval: samples after which a fully habituated node is dishabituated; None
-            for never (GWR).
+            for never (GWR). Once it is habituated again, new targets replace its old ones.
         max_edge_age: an edge older than this is deleted; its age counts the attended wins of its
             two nodes since they were last winner and runner-up together.
     """

@@ -27,6 +27,7 @@ class _Response(NamedTuple):
     ignored: bool = False
     dishabituated: bool = False
     habituated: bool = False  # whether the winner was fully habituated when it matched
+    habituated_at: int = NO_NODE  # since when it was
     deleted: Tensor | None = None  # nodes, int64 [K], as they were before the deletion
 
 
@@ -60,13 +61,13 @@ class EagerEngine:
         responses = [self._respond(state, percept) for percept in percepts.detach()]
         fields = zip(*(response.attention for response in responses), strict=True)
         attention = Attention(*(torch.cat(field) for field in fields))
-        flags = zip(*(response[1:5] for response in responses), strict=True)
-        inserted, ignored, dishabituated, habituated = (
+        flags = zip(*(response[1:6] for response in responses), strict=True)
+        inserted, ignored, dishabituated, habituated, habituated_at = (
             torch.tensor(flag, device=attention.winner.device) for flag in flags
         )
         deleted = {t: r.deleted for t, r in enumerate(responses) if r.deleted is not None}
         observation = observation_of(attention, inserted, ignored, dishabituated, deleted)
-        return MapUpdate(observation, habituated, deleted)
+        return MapUpdate(observation, habituated, habituated_at, deleted)
 
     def _respond(self, state: MapState, percept: Tensor) -> _Response:
         """Apply the three cases of the paper to one percept `[D]`."""
@@ -79,16 +80,19 @@ class EagerEngine:
 
         # Forgetting: an interval after it habituated, the winner responds again.
         dishabituated = self._forget(state, winner)
+        since = int(state.nodes.live("habituated_at")[winner])
 
         # Case 1: the match is not good enough. Novelty: a new node.
         habituated = self._is_habituated(state, winner)
         if bool(attention.novelty) and (habituated or not config.insert_only_when_habituated):
             self._insert(state, percept, winner, runner_up)
-            return _Response(attention, inserted=True, dishabituated=dishabituated)
+            return _Response(
+                attention, inserted=True, dishabituated=dishabituated, habituated_at=since
+            )
 
         # Case 3: the winner is fully habituated. It ignores the percept.
         if habituated and config.ignore_when_habituated:
-            return _Response(attention, ignored=True, habituated=True)
+            return _Response(attention, ignored=True, habituated=True, habituated_at=since)
 
         # Case 2: a good match. Winner and neighbours move towards the percept and habituate.
         _join(state, winner, runner_up)
@@ -101,6 +105,7 @@ class EagerEngine:
             attention,
             dishabituated=dishabituated,
             habituated=habituated,
+            habituated_at=since,
             deleted=self._age_edges(state, winner),
         )
 

@@ -75,12 +75,14 @@ class Record(NamedTuple):
     runner_up: NDArray[np.int64]  # [T]
     activation: NDArray[np.float32]  # [T]
     events: NDArray[np.uint8]  # [T], bits
+    since: NDArray[np.int64]  # [T], `MapUpdate.habituated_at`
 
     @classmethod
     def empty(cls, samples: int) -> Record:
         """Return a record of so many samples, to be written."""
-        winner, runner_up = np.empty((2, samples), np.int64)
-        return cls(winner, runner_up, np.empty(samples, np.float32), np.empty(samples, np.uint8))
+        winner, runner_up, since = np.empty((3, samples), np.int64)
+        activation, events = np.empty(samples, np.float32), np.empty(samples, np.uint8)
+        return cls(winner, runner_up, activation, events, since)
 
 
 def map_update(record: Record, deleted: dict[int, Tensor]) -> MapUpdate:
@@ -95,4 +97,4 @@ def map_update(record: Record, deleted: dict[int, Tensor]) -> MapUpdate:
     winner, runner_up, activation = map(torch.from_numpy, record[:3])
     attention = Attention(winner, runner_up, activation, novelty)
     observation = observation_of(attention, inserted, ignored, dishabituated, deleted)
-    return MapUpdate(observation, habituated, deleted)
+    return MapUpdate(observation, habituated, torch.from_numpy(record.since), deleted)

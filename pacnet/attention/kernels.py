@@ -64,7 +64,7 @@ def read(percepts, prototype, nodes, novel_from, winner, runner_up, activation, 
 @cached_njit(nogil=True)
 def learn(  # noqa: C901
     percepts, start, prototype, habituation, habituated_at, ends, age, time, lists, degree,
-    listed_ends, counts, rules, winner, runner_up, activation, events, isolated,
+    listed_ends, counts, rules, winner, runner_up, activation, events, since, isolated,
 ):  # fmt: skip
     """Learn normalized percepts `[T, D]` from sample `start` on.
 
@@ -103,17 +103,18 @@ def learn(  # noqa: C901
         activation[sample] = _activation(best, distance)
         if best == NO_NODE:
             _add_node(percepts, sample, arrays, rule)
-            events[sample] = NOVEL | INSERTED
+            events[sample], since[sample] = NOVEL | INSERTED, NO_NODE
             continue
         event = NOVEL if distance >= rule.novel_from else 0
 
         # Forgetting: an interval after it habituated, the winner responds again.
         forgets = rule.forgetting_interval != NO_NODE
-        since = habituated_at[best]
-        if forgets and since != NO_NODE and time[0] - since >= rule.forgetting_interval:
+        begun = habituated_at[best]
+        if forgets and begun != NO_NODE and time[0] - begun >= rule.forgetting_interval:
             habituation[best], habituated_at[best] = rule.resting_habituation, NO_NODE
             event |= DISHABITUATED
         habituated = habituation[best] < rule.habituated_below
+        since[sample] = habituated_at[best]
 
         # Case 1: the match is not good enough. Novelty: a new node.
         if event & NOVEL and (habituated or not rule.insert_only_when_habituated):
@@ -146,8 +147,8 @@ def learn(  # noqa: C901
                 rate, decay = rule.neighbour_rate, rule.neighbour_decay
                 age[edge] += 1
                 stale |= age[edge] > rule.max_edge_age
-                since = habituated_at[node]
-                if forgets and since != NO_NODE and time[0] - since >= rule.forgetting_interval:
+                begun = habituated_at[node]
+                if forgets and begun != NO_NODE and time[0] - begun >= rule.forgetting_interval:
                     habituation[node], habituated_at[node] = rule.resting_habituation, NO_NODE
                 if rule.ignore_when_habituated and habituation[node] < rule.habituated_below:
                     continue

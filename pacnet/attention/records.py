@@ -68,6 +68,8 @@ class MapUpdate(NamedTuple):
     observation: Observation
     habituated: Tensor
     """Whether the winner was fully habituated when it matched, bool `[T]`."""
+    habituated_at: Tensor
+    """Sample since when it was, int64 `[T]`; `NO_NODE` while it responds."""
     deleted_nodes: dict[int, Tensor]
     """Sample, ascending -> the nodes deleted after it, int64 `[K]`, ascending, with their indices
     before the deletion."""

@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from pacnet.attention.records import NO_NODE
 from pacnet.competition.config import CompetingSchemasConfig
 from pacnet.competition.recall import CompetingRecall
 from pacnet.competition.recognition import Recognizer
@@ -147,6 +148,7 @@ class CompetingSchemas(EpisodicMemory, Schemas):
             node=torch.tensor([node], device=cue.device),
             activation=cue.new_tensor([activation]),
             habituated=torch.tensor([bool(habituated)], device=cue.device),
+            habituated_at=torch.tensor([NO_NODE], device=cue.device),
             target=target[None],
             cue=cue[None],
         )

@@ -150,6 +150,7 @@ class PACNet(NetworkState):
                     node=observed.winner[part],
                     activation=observed.activation[part],
                     habituated=update.habituated[part],
+                    habituated_at=update.habituated_at[part],
                     target=targets[part],
                     cue=percepts[part],
                 )

@@ -30,6 +30,7 @@ from pacnet.kernels.engine import Engine
 from pacnet.network.checks import FORWARD_MODEL, check_dimensions, check_model_type
 from pacnet.network.config import PACNetConfig
 from pacnet.network.snapshot import Snapshot
+from pacnet.schemas.forgetting import load_without
 from pacnet.schemas.interface import NO_EPISODE, Schemas
 from pacnet.schemas.motor_schemas import MotorSchemas
 from pacnet.schemas.sequences import OLD_TENSORS
@@ -70,6 +71,7 @@ class NetworkState(nn.Module):
         self.register_buffer("episode", torch.tensor(NO_EPISODE))  # the last one observed
         copy_on_state_dict(self)
         rename_on_load(self, OLD_TENSORS)
+        load_without(self)
         check_on_load(self)
 
     def extra_repr(self) -> str:

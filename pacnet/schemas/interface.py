@@ -34,6 +34,8 @@ class Samples(NamedTuple):
     """`[T, A]`."""
     cue: Tensor
     """The normalized percept, `[T, D]`."""
+    habituated_at: Tensor
+    """Sample since when the winner is habituated, int64 `[T]`; `NO_NODE` if that is not known."""
 
 
 class Target(NamedTuple):

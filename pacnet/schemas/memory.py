@@ -169,7 +169,7 @@ class EpisodicMemory(Sequences):
 
     def frames(self, schema: int) -> Tensor:
         """Return the samples of their episode at which its targets were shown, int64 `[L]`."""
-        return self._rows("frame", schema)
+        return self.rows_in("frame", schema)
 
     def add_node(self) -> int:
         """Add a node without schemas and return its number."""

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from pacnet.attention.records import NO_NODE
 from pacnet.core.drafts import BufferVersions, snapshot_of
 from pacnet.core.growable_rows import as_array
-from pacnet.core.integrity import check_conditions, check_on_load, check_structure
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure, part_of
 from pacnet.core.validation import (
     as_batch,
     check_fields,
@@ -26,7 +26,15 @@ from pacnet.core.validation import (
     check_indices,
     is_integer,
 )
+from pacnet.schemas.forgetting import (
+    FORGOTTEN,
+    HABITUATED_AT,
+    count_replaced,
+    forgetting_holds,
+    load_without,
+)
 from pacnet.schemas.interface import NO_EPISODE, Samples, Schemas, Target
+from pacnet.schemas.merging import COUNT, COUNTS, make_room
 from pacnet.schemas.sequences import INTEGER
 from pacnet.schemas.state_checks import sequences_hold
 
@@ -44,6 +52,8 @@ class MotorSchemasConfig:
         nearest_cues: with `cue`, the number of nearest cues whose targets are averaged. One
             reproduces the demonstration; more average out random differences between targets of
             similar percepts.
+        budget: number of targets that are kept, at most, of all nodes together; see
+            `pacnet.schemas.merging`. None for all.
         type: which kind of motor schemas it is, in a checkpoint's `config.json`.
     """
 
@@ -51,18 +61,23 @@ class MotorSchemasConfig:
     percept_dimensions: int
     recall_by: Literal["cue", "order"] = "cue"
     nearest_cues: int = 1
+    budget: int | None = None
     type: ClassVar[str] = "motor_schemas"
 
     def __post_init__(self) -> None:
         """Validate the fields."""
         integers = ("target_dimensions", "percept_dimensions", "nearest_cues")
         checks = {name: (is_integer(getattr(self, name), 1), "≥ 1") for name in integers}
+        checks["budget"] = (self.budget is None or is_integer(self.budget, 1), "≥ 1, or None")
         checks["recall_by"] = (self.recall_by in ("cue", "order"), "'cue' or 'order'")
         check_fields(self, checks)
 
 
 class MotorSchemas(Schemas):
     """One growable sequence of targets per node, overwritten by each new episode.
+
+    Within an episode, targets of a node that was forgotten are replaced one by one by new ones; see
+    `pacnet.schemas.forgetting`.
 
     The id of a sequence is the number of its node.
 
@@ -71,12 +86,15 @@ class MotorSchemas(Schemas):
     """
 
     def __init__(self, config: MotorSchemasConfig) -> None:
-        super().__init__(config.target_dimensions, config.percept_dimensions, {"episode": INTEGER})
+        of_sequence = {"episode": INTEGER, HABITUATED_AT: INTEGER, FORGOTTEN: INTEGER}
+        of_row = None if config.budget is None else COUNTS
+        super().__init__(config.target_dimensions, config.percept_dimensions, of_sequence, of_row)
         self.config = config
         self.behaviours = []
         self._cache: tuple[BufferVersions, tuple[NDArray[Any], ...], Any] | None = None
         self._offsets: dict[int, int] = {}  # of nodes that have won in this recall episode
         self.register_load_state_dict_post_hook(_restart_recall)
+        load_without(self)
         check_on_load(self)
 
     def __len__(self) -> int:
@@ -88,6 +106,11 @@ class MotorSchemas(Schemas):
         check_structure(self, tensors)
         check_conditions(sequences_hold(tensors))
         check_conditions({"episodes ≥ −1": (tensors["blocks.episode"] >= NO_EPISODE).all()})
+        check_conditions(forgetting_holds(part_of(tensors, "blocks.")))
+        if self.config.budget is not None:
+            within = len(tensors["pool.target"]) <= self.config.budget
+            counted = (tensors[f"pool.{COUNT}"] >= 1).all()
+            check_conditions({"targets within the budget": within, "counts ≥ 1": counted})
 
     @staticmethod
     def extent(tensors: Mapping[str, Tensor]) -> tuple[int, int]:
@@ -101,7 +124,8 @@ class MotorSchemas(Schemas):
 
     def add_node(self) -> int:
         """Add a node with an empty sequence and return its number."""
-        return self.blocks.append({"start": 0, "length": 0, "capacity": 0, "episode": NO_EPISODE})
+        never = {"episode": NO_EPISODE, HABITUATED_AT: NO_NODE, FORGOTTEN: 0}
+        return self.blocks.append({"start": 0, "length": 0, "capacity": 0, **never})
 
     def delete(self, nodes: Tensor) -> None:
         """See `Schemas.delete`; a recall episode in progress starts again."""
@@ -115,7 +139,14 @@ class MotorSchemas(Schemas):
 
     @torch.no_grad()
     def write(
-        self, node: int, target: Tensor, cue: Tensor, episode: int, *, habituated: bool
+        self,
+        node: int,
+        target: Tensor,
+        cue: Tensor,
+        episode: int,
+        *,
+        habituated: bool,
+        habituated_at: int = NO_NODE,
     ) -> None:
         """Apply the three rules of the paper to one sample at which the node won.
 
@@ -125,37 +156,54 @@ class MotorSchemas(Schemas):
             cue: the normalized percept, `[D]`.
             episode: number of the learning episode.
             habituated: whether the winner is fully habituated.
+            habituated_at: sample since when it is; another one than before says that the node was
+                forgotten: new targets replace the old. `NO_NODE` where that is not known.
 
         Raises:
-            ValueError: no such node or episode, or a target or cue of the wrong shape, dtype or
-                device, not finite or too large; nothing has been written then.
+            ValueError: no such node, episode or sample, or a target or cue of the wrong shape,
+                dtype or device, not finite or too large; nothing has been written then.
         """
         node = check_index("a node", node, len(self))
         episode = check_index("an episode", episode, 2**63)
         self.check_pair(as_batch(target), as_batch(cue))
         if self.training and habituated:
-            nodes, counts = self.lengths.new_tensor([[node], [1]])
-            self._write(nodes, counts, target[None], cue[None], episode)
+            since = check_index("a sample", habituated_at, 2**63, optional=True)
+            nodes, since, whether = self.lengths.new_tensor([[node], [since], [1]])
+            activation = cue.new_ones(1)  # not used
+            samples = Samples(nodes, activation, whether.bool(), target[None], cue[None], since)
+            self.add_samples(samples, episode)
 
     @torch.no_grad()
     def add_samples(self, samples: Samples, episode: int) -> None:
         """Do what `write` does, for checked samples; in eval mode, nothing."""
         # Rule 1: the winner is not fully habituated. Its schema stays as it is.
         written = (samples.habituated & self.training).nonzero().flatten()
-        written = written[samples.node[written].argsort(stable=True)]
-        nodes, counts = samples.node[written].unique_consecutive(return_counts=True)
-        self._write(nodes, counts, samples.target[written], samples.cue[written], episode)
+        if self.config.budget is None:
+            self._add(samples, written[samples.node[written].argsort(stable=True)], episode)
+            return
+        for sample in written:  # one after the other: what is merged depends on the order
+            self._add(samples, sample[None], episode)
+            if int(self.lengths.sum()) > self.config.budget:
+                make_room(self, int(samples.node[sample]))
 
-    def _write(
-        self, nodes: Tensor, counts: Tensor, targets: Tensor, cues: Tensor, episode: int
-    ) -> None:
-        """Apply rules 2 and 3 at habituated nodes `[N]`, each with its count of rows."""
+    def _add(self, samples: Samples, written: Tensor, episode: int) -> None:
+        """Apply rules 2 and 3 to samples of habituated nodes, equal nodes together."""
+        if len(written) == 0:
+            return
+        node = samples.node[written]
+        nodes, counts = node.unique_consecutive(return_counts=True)
         # Rule 3: a new learning episode. The sequence is cleared and starts with these targets.
         cleared = nodes[self.blocks.live("episode")[nodes] != episode]
-        self.blocks.live("length")[cleared] = 0
-        self.blocks.live("episode")[cleared] = episode
-        # Rule 2: the same learning episode. The targets are appended.
-        self.append_rows(nodes, counts, {"target": targets, "cue": cues})
+        for column, value in (("length", 0), (FORGOTTEN, 0), ("episode", episode)):
+            self.blocks.live(column)[cleared] = value
+        # Rule 2: the same learning episode. The targets are appended, or replace forgotten ones.
+        replaced = count_replaced(self.blocks, node, samples.habituated_at[written])
+        rows = {"target": samples.target[written], "cue": samples.cue[written]}
+        if self.config.budget is not None:
+            rows[COUNT] = torch.ones_like(node)
+        self.append_rows(nodes, counts, rows)
+        if replaced:
+            self.drop_first(*map(counts.new_tensor, (list(replaced), list(replaced.values()))))
 
     def recall_one(self, node: int, percept: NDArray[np.floating]) -> Target | None:
         """Return the current target of a winner, and its offset in the sequence.

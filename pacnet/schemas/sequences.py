@@ -60,11 +60,11 @@ class Sequences(nn.Module):
 
     def targets(self, sequence: int) -> Tensor:
         """Return the sequence's targets in order, `[L, A]`."""
-        return self._rows("target", sequence)
+        return self.rows_in("target", sequence)
 
     def cues(self, sequence: int) -> Tensor:
         """Return the normalized percepts that the targets were shown with, `[L, D]`."""
-        return self._rows("cue", sequence)
+        return self.rows_in("cue", sequence)
 
     def arrays(self, column: str) -> NDArray[Any]:
         """Return a column of the pool as an array, which shares its memory where that is possible.
@@ -100,7 +100,8 @@ class Sequences(nn.Module):
             stored = self.pool.live(name)
             check_bounded(f"{name}s", rows, stored.shape[1], stored)
 
-    def _rows(self, column: str, sequence: int) -> Tensor:
+    def rows_in(self, column: str, sequence: int) -> Tensor:
+        """Return a sequence's rows of a column, a view `[L, ...]`."""
         sequence = check_index("a schema", sequence, len(self.blocks))
         start, length = int(self.blocks.live("start")[sequence]), int(self.lengths[sequence])
         rows = self.pool.live(column)
@@ -126,6 +127,17 @@ class Sequences(nn.Module):
         for name, values in rows.items():
             self.pool.live(name)[places] = values
         self.lengths[sequences] = lengths + counts
+
+    def drop_first(self, sequences: Tensor, counts: Tensor) -> None:
+        """Drop the first rows of several sequences.
+
+        Args:
+            sequences: which ones, int64 `[N]`, all different.
+            counts: number of rows that each loses, int64 `[N]`, at most its length.
+        """
+        self.blocks.live("start")[sequences] += counts
+        for column in ("length", "capacity"):
+            self.blocks.live(column)[sequences] -= counts
 
     def _move_to_end(self, sequences: Tensor, wanted: Tensor) -> None:
         """Move sequences to the pool's end, each into a block of at least twice its length."""

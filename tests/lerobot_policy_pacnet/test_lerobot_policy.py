@@ -942,7 +942,7 @@ def test_lerobot_passes_the_task_on():
 def test_following_a_wall_is_a_success_and_standing_still_is_not():
     pytest.importorskip("dm_control")
     from envs.wall_behaviours import WallFollower
-    from train.walls.episodes import shares
+    from train.walls.drivers import shares
 
     environment = gymnasium.make("gym_pacnet/FollowWalls-v0")
     successes = []

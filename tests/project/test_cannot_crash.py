@@ -862,7 +862,8 @@ CONTRADICTIONS = {
     "cue": {
         "episode": (-2,), "schemas.blocks.start": (-1, 10**6),
         "schemas.blocks.capacity": (-1, 10**6), "schemas.blocks.length": (-1, 10**6),
-        "schemas.blocks.episode": (-2, 10**6),
+        "schemas.blocks.episode": (-2, 10**6), "schemas.blocks.habituated_at": (-2,),
+        "schemas.blocks.forgotten": (-1, 10**6),
         "schemas.pool.target": (1e30, math.inf), "schemas.pool.cue": (1e30, math.nan),
     },
     "competing": {

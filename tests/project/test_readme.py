@@ -281,12 +281,20 @@ def test_the_table_of_retraining_holds_the_shipped_scores():
 
 def test_the_table_of_the_schema_network_holds_the_shipped_scores():
     systems = shipped("schema_network/metrics.json")["systems"]
-    table = BEHAVIOURS.split("| schema network | PACNet |")[1].split("\n\n")[0]
-    switches = [cell.strip() for cell in table.splitlines()[2].split("|")[2:4]]
-    assert switches == [
-        " / ".join(f"{systems[name][kind]['switches']:.1f}" for kind in ("drink", "toast", "move"))
-        for name in ("schema network", "PACNet")
-    ]
+    title = "| divided by hand | divided by attention | PACNet |"
+    table = list(map(cells, BEHAVIOURS.split(title)[1].split("\n\n")[0].splitlines()[2:]))
+    names = ("schema network", "schema network by attention", "PACNet")
+    rows = {"switches": 1, "strictly_in_order_rate": 2, "own_share": 2, "task_success_rate": 2}
+    for (_, *shown), (score, digits) in zip(table, rows.items(), strict=False):
+        assert shown == [score_text(systems[name], score, digits) for name in names], score
+
+
+def score_text(system: dict, score: str, digits: int) -> str:
+    """Return a score of each behaviour as the table has it."""
+    behaviours = [system[name] for name in ("drink", "toast", "move")]
+    if score not in behaviours[0]:
+        return "–"
+    return " / ".join(f"{scores[score]:.{digits}f}" for scores in behaviours)
 
 
 def mean_text(summary: dict | None, factor: float, digits: int) -> str:

@@ -32,6 +32,7 @@ def make_samples(generator: torch.Generator, count: int, dtype: torch.dtype) -> 
         node=node,
         activation=torch.rand(count, generator=generator).to(dtype),
         habituated=torch.rand(count, generator=generator) < 0.8,
+        habituated_at=torch.zeros(count, dtype=torch.int64),
         target=torch.randn(count, TARGETS, generator=generator).to(dtype),
         cue=cue.to(dtype),
     )
@@ -114,7 +115,7 @@ def test_one_episode_in_any_portions_equals_plain_lists(seed: int, dtype: torch.
     generator = torch.Generator().manual_seed(seed)
     samples = make_samples(generator, 160, dtype)
     plain = PlainEpisode(np.dtype(str(dtype).removeprefix("torch.")))
-    for row in zip(*(column.tolist() for column in samples), strict=True):
+    for *row, _ in zip(*(column.tolist() for column in samples), strict=True):
         plain.write(*row)
     assert len(plain.passes) > 10
     for portions in ([samples], rows(samples), in_portions(samples, generator)):
@@ -126,7 +127,7 @@ def test_one_episode_in_any_portions_equals_plain_lists(seed: int, dtype: torch.
 
 
 def write_each(schemas: CompetingSchemas, samples: Samples) -> None:
-    for node, activation, habituated, target, cue in zip(*samples, strict=True):
+    for node, activation, habituated, target, cue, _ in zip(*samples, strict=True):
         schemas.write(
             int(node), target, cue, activation=float(activation), habituated=bool(habituated)
         )
@@ -196,6 +197,7 @@ def test_what_came_after_is_seen_over_portions_without_a_habituated_sample():
             node=torch.zeros(2, dtype=torch.int64),
             activation=torch.ones(2),
             habituated=torch.full((2,), habituated),
+            habituated_at=torch.zeros(2, dtype=torch.int64),
             target=torch.zeros(2, TARGETS),
             cue=torch.full((2, PERCEPTS), cue),
         )

@@ -10,6 +10,7 @@ import pytest
 from envs.behaviours import REST_POSTURE
 from envs.glass_offset import DIRECTIONS
 from envs.postural_imitation import PosturalImitationEnv
+from train.common.typical import Typical
 from train.postural.alone import actors, mirror
 from train.postural.alone.actors import Observation, own_percept
 from train.postural.alone.episodes import Outcome, Shown, act, demonstrate, demonstrate_again
@@ -232,6 +233,18 @@ def test_tables_show_a_spread_only_over_replicates(capsys):
     both = capsys.readouterr().out
     assert "1.00 ± 0.00" in both
     assert "learning 1.50 ± 0.71 s" in both
+
+
+@pytest.mark.usefixtures("first_column_wins")
+def test_tables_of_one_replicate_show_in_brackets_what_is_typical(capsys):
+    trials = [trial(USUAL, held_from=50), trial(ALONE)]
+    one, other = (score_trials(trials, None, seconds) for seconds in (1.0, 2.0))
+    known = Typical("of two", {"success": summary_of([one, other])["success"]})
+    print_tables(summary_of([one]), known)
+    text = capsys.readouterr().out
+    assert re.search(rf"{OURS} +1\.00 \(1\.00 ± 0\.00\) ", text)
+    assert re.search(r"another demonstrator( +0\.50){5}\n", text)  # of which nothing is known
+    assert text.endswith("in brackets: of two\n")
 
 
 def test_a_missing_body_ends_with_one_line_that_says_how_to_make_one(tmp_path: Path):

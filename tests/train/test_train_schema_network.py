@@ -19,7 +19,9 @@ from train.postural.episodes import (
     motor_targets,
     recall_seeds,
 )
+from train.postural.schema_network import segments
 from train.postural.schema_network.episodes import (
+    BY_ATTENTION,
     MARGIN,
     PACNET,
     SCHEMA_NETWORK,
@@ -42,10 +44,12 @@ from train.postural.schema_network.figures import (
 from train.postural.schema_network.scores import (
     order_of_medians,
     score_duplicates,
+    score_order,
     score_schemas,
     score_system,
     strict_order,
 )
+from train.postural.schema_network.segments import divide, stretches
 from train.schema_network import deal
 
 PROJECT = Path(__file__).parents[2]
@@ -174,6 +178,38 @@ def test_an_order_kept_is_counted():
     assert scores["in_order_rate"] == scores["strictly_in_order_rate"] == 1.0
 
 
+def test_a_strict_order_may_come_back_to_a_schema():
+    phases = ("toast",) * 40
+    kept = episode(runs((1, 10), (2, 2), (3, 8), (2, 10), (1, 10)), phases)  # flicker of two
+    lost = episode(runs((1, 10), (2, 3), (3, 7), (2, 10), (NO_NODE, 5), (4, 5)), phases)
+    scores = score_order([kept, lost], SCHEMA_NETWORK, (1, 3, 2, 1))
+    assert scores == {"strictly_in_order_rate": 0.5, "own_share": pytest.approx((1 + 30 / 35) / 2)}
+
+
+def test_stretches_leave_no_sample_out():
+    winners = runs((NO_NODE, 3), (4, 9), (7, 4), (2, 6), (NO_NODE, 2), (4, 5), (2, 1))
+    # 7 wins for four samples, fewer than five: they belong to the stretch of 4 before them.
+    assert stretches(winners) == [(0, 16, 4), (16, 24, 2), (24, 30, 4)]
+
+
+def test_all_that_a_node_wins_is_one_schema(monkeypatch: pytest.MonkeyPatch):
+    # Places from 0 to 0.29 in the drink, from 10 to 10.35 in the toast; node 5 wins up to 0.095,
+    # from 0.195 on, and all of the toast.
+    def node(_: PACNet, percepts: np.ndarray) -> np.ndarray:
+        place = percepts[:, 0]
+        return np.where((place > 0.095) & (place < 0.195), 8, 5)
+
+    monkeypatch.setattr(segments, "winners_of", node)
+    both = {name: shown()[name] for name in ("drink", "toast")}
+    division = divide(both, PACNet(PACNetConfig(SOFMConfig.paper(28), MotorSchemasConfig(11, 28))))
+    assert division.orders == {"drink": (1, 2, 1), "toast": (1,)}
+    assert division.network.lengths.tolist() == [10 + 10 + 36, 10]
+    firsts = division.network.percepts(0)[[0, 10, 20], 0]
+    assert firsts.tolist() == pytest.approx([0, 0.2, 10], abs=1e-4)
+    expected = torch.from_numpy(motor_targets(both["drink"].percepts)[10:20])
+    assert torch.equal(division.network.targets(1), expected)
+
+
 def test_duplicates_by_hand():
     degrees = torch.tensor
     schemas = [
@@ -214,7 +250,7 @@ def two_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     for name in ("one", "two"):
         folder = tmp_path_factory.mktemp(name)
         command = [sys.executable, "-m", "train.schema_network", "--seed", "1011"]
-        command += ["--episodes", "2", "--runs", str(folder)]
+        command += ["--episodes", "1", "--runs", str(folder)]
         subprocess.run(command, cwd=PROJECT, capture_output=True, check=True)
         folders.append(only_run(folder))
     return folders
@@ -231,9 +267,14 @@ def test_pacnet_switches_and_repeats_less_than_schemas_made_by_hand(two_runs: li
     for behaviour in SCHEMAS:
         assert plain[behaviour]["in_order_rate"] == 1.0
         assert plain[behaviour]["nobody_share"] < 0.02
-    assert plain["toast"]["alternations_2_6"] > 2
+    assert plain["drink"]["alternations_2_6"] > 2
     held = scores["systems"][SCHEMA_NETWORK_HELD]
     assert held["all"]["switches"] < plain["all"]["switches"] / 3
+    divided = scores["systems"][BY_ATTENTION]
+    for behaviour in SCHEMAS:
+        assert divided[behaviour]["strictly_in_order_rate"] == 1.0
+        assert divided[behaviour]["task_success_rate"] == 1.0
+        assert plain[behaviour]["strictly_in_order_rate"] < 1.0
 
 
 @pytest.mark.slow
@@ -245,6 +286,8 @@ def test_a_run_writes_all_its_files(two_runs: list[Path]):
     assert figures == {"figure2", "side_by_side", "switches"}
     assert len(SchemaNetwork.from_pretrained(folder / "checkpoint" / "schema_network")) == 13
     network = PACNet.from_pretrained(folder / "checkpoint" / "pacnet")
+    divided = SchemaNetwork.from_pretrained(folder / "checkpoint" / "by_attention")
+    assert len(divided) <= len(network.sofm)
     log = EventAccumulator(str(folder / "tensorboard"))
     log.Reload()
     assert log.Scalars("learning/nodes")[-1].value == len(network.sofm)

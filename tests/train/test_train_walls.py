@@ -34,15 +34,13 @@ from train.walls import episodes as wall_episodes
 from train.walls import learning as wall_learning
 from train.walls import report as wall_report
 from train.walls import variants as wall_variants
+from train.walls.boredom import BLIND, PATIENCE, TURNING, Bored, Boredom
 from train.walls.conditions import run_conditions
+from train.walls.drivers import Driven, Recalling, Teacher, Wandering
 from train.walls.episodes import (
     TAUGHT_SIDES,
-    Driven,
     Place,
-    Recalling,
-    Teacher,
     Transitions,
-    Wandering,
     act_alone,
     alone_seed,
     follow,
@@ -55,6 +53,7 @@ from train.walls.learning import (
     TURNS,
     candidate_actions,
     follow_both_sides,
+    frames,
     load_episodes,
     load_wandering,
     make_forward_model,
@@ -63,6 +62,7 @@ from train.walls.learning import (
     record_wandering,
     teach,
 )
+from train.walls.nearest import NearestTargets
 from train.walls.scores import name_clusters
 from train.walls.variants import Learned, Repeat
 
@@ -71,8 +71,8 @@ SEED = 3
 CONDITIONS = {
     "recall", "recall in unseen arenas", "wandering", "teacher's controller",
     "one constant target", "shuffled targets", "node's mean action", "untrained forward model",
-    "no abstention", "transition matrix", "speed free", "noise doubled", "taught on one side",
-    "recall beside a left wall", "recall beside a right wall",
+    "50-NN over all frames, no map", "transition matrix", "speed free", "noise doubled",
+    "taught on one side", "recall beside a left wall", "recall beside a right wall",
 }  # fmt: skip
 
 
@@ -193,6 +193,33 @@ def test_a_follower_sees_the_wall_on_the_teachers_side(side: str, beside: int):
     assert percepts[150:, 5 - beside].mean() < 0.1
 
 
+def test_following_is_noisy_so_that_it_shows_how_to_come_back():
+    noise = wall_episodes.MotorNoise(np.random.default_rng(0))
+    turns = np.array([np.diff(noise.wheels())[0] / 0.053 for _ in range(4000)])
+    assert 0.55 < np.abs(turns).max() <= 0.6
+    assert abs(turns.mean()) < 0.05
+    held = np.diff(turns) == 0  # drawn anew in a quarter of the steps
+    assert held.mean() == pytest.approx(0.75, abs=0.03)
+
+
+def test_while_the_teacher_rests_the_learner_stands_and_later_goes_on():
+    percepts, actions = follow("paper", "left", 2, 730, rests=True)
+    assert actions[:100].any(axis=1).all()
+    assert not actions[106:706].any()
+    assert actions[706:].any(axis=1).all()
+    # It stood at the same place: the readings differ by their noise alone.
+    assert percepts[110:706].std(axis=0).max() < 0.03
+
+
+def test_episodes_with_rests_are_driven_for_as_long(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(wall_learning, "EPISODE_STEPS", 120)
+    monkeypatch.setattr(wall_learning, "EPISODES_A_SIDE", 1)
+    for episode in follow_both_sides(1, 4, rests=True):
+        moves = episode.actions.numpy().any(axis=1)
+        assert len(moves) == 720
+        assert moves.sum() == 120
+
+
 def test_the_teacher_drives_by_its_own_controller_in_the_learners_body():
     run = act_alone(Teacher("left"), Place("paper", wall="left"), 0, 100)
     assert (run.wall_side == 1).mean() > 0.9
@@ -217,6 +244,63 @@ class Once:
         action = np.array(self.action, np.float32) if self.calls == 1 else None
         target = np.zeros(6, np.float32)
         return Decision(target, True, 7, 1.0, False, 0, 7, action, action is not None)
+
+
+# Boredom
+
+
+OPEN, LEFT_WALL = np.zeros(6, np.float32), np.array([0.6, 0.2, 0, 0, 0, 0], np.float32)
+
+
+def test_with_walls_on_one_side_for_long_a_robot_turns_away_and_drives_on():
+    boredom = Boredom()
+    assert all(boredom.drive(LEFT_WALL) is None for _ in range(PATIENCE - 1))
+    left = [boredom.drive(LEFT_WALL) for _ in range(TURNING)]
+    # 120 degrees at 1.8 rad/s and 0.1 s a step are 11.6 steps, to the right of a left wall.
+    assert TURNING == 12
+    np.testing.assert_allclose(left, [wheel_speeds(0.0, -MAX_TURN)] * 12)
+    for _ in range(50):
+        np.testing.assert_allclose(boredom.drive(OPEN), wheel_speeds(CRUISE, 0.0))
+    assert all(boredom.drive(LEFT_WALL) is None for _ in range(PATIENCE - 1))  # a new wall
+    right_away = boredom.drive(LEFT_WALL)
+    np.testing.assert_allclose(right_away, wheel_speeds(0.0, -MAX_TURN))
+
+
+def test_a_wall_on_the_other_side_is_something_new():
+    boredom, right_wall = Boredom(), LEFT_WALL[::-1]
+    for wall in (LEFT_WALL, right_wall) * 2:
+        assert all(boredom.drive(wall) is None for _ in range(PATIENCE - 1))
+    np.testing.assert_allclose(boredom.drive(right_wall), wheel_speeds(0.0, MAX_TURN))
+
+
+def test_without_a_wall_for_long_a_robot_drives_straight_until_it_sees_one():
+    boredom = Boredom()
+    assert all(boredom.drive(OPEN) is None for _ in range(BLIND - 1))
+    for _ in range(50):
+        np.testing.assert_allclose(boredom.drive(OPEN), wheel_speeds(CRUISE, 0.0))
+    assert boredom.drive(LEFT_WALL) is None
+    assert boredom.drive(OPEN) is None
+
+
+def test_whoever_is_bored_is_driven_by_the_default_behaviour():
+    driver = Straight()
+    bored = Bored(driver)
+    driven = [bored.drive(OPEN) for _ in range(BLIND + 5)]
+    assert len(driver.seen) == BLIND - 1
+    assert [one.commanded for one in driven] == [True] * (BLIND - 1) + [False] * 6
+    assert {one.winner for one in driven[BLIND - 1 :]} == {NO_NODE}
+
+
+@pytest.mark.parametrize("side", TAUGHT_SIDES)
+def test_nobody_keeps_one_wall_for_ever(monkeypatch: pytest.MonkeyPatch, side: str):
+    monkeypatch.setattr("train.walls.boredom.PATIENCE", 100)
+    run = act_alone(Teacher(side), Place("paper", wall=side), 0, 160)
+    near = run.wall_distance < 0.05
+    assert near[:95].all()
+    assert not near[120:].all()
+
+
+# Recalling without knowledge
 
 
 def test_a_network_that_knows_nothing_wanders():
@@ -504,7 +588,7 @@ def test_a_nodes_mean_action_is_used_unchanged(learned: Learned):
 def test_every_transition_is_learned_with_its_mirror_image(learned: Learned, monkeypatch):
     fits = []
     monkeypatch.setattr(MLPForwardModel, "fit", lambda _, *rows, **__: fits.append(rows))
-    wall_learning.fit(make_forward_model(SEED), learned.wandering, SEED)
+    wall_learning.fit(make_forward_model(SEED), [learned.wandering], SEED)
     ((before, actions, after),) = fits
     percepts, wheels = learned.wandering
     for rows, own in ((before, percepts[:-1]), (actions, wheels[:-1]), (after, percepts[1:])):
@@ -518,18 +602,6 @@ def test_the_untrained_model_has_the_weights_before_the_fit(learned: Learned):
     assert bytes_of(untrained) != bytes_of(fitted_model(learned))
     assert bytes_of(untrained) != bytes_of(make_forward_model(SEED + 1))
     assert untrained.config == fitted_model(learned).config
-
-
-def test_without_abstention_the_same_model_always_acts(learned: Learned):
-    model = wall_variants.never_abstaining(learned)
-    assert bytes_of(model) == bytes_of(fitted_model(learned))
-    assert fitted_model(learned).config.abstain_below > 0
-    assert model.config == dataclasses.replace(fitted_model(learned).config, abstain_below=0.0)
-    states = torch.zeros(20, 6)
-    cautious = MLPForwardModel(dataclasses.replace(model.config, abstain_below=9.0))
-    cautious.load_state_dict(model.state_dict())
-    assert not cautious.command(states, states).has_action.any()
-    assert model.command(states, states).has_action.all()
 
 
 def test_with_the_speed_free_the_same_model_has_more_to_choose_from(learned: Learned):
@@ -557,9 +629,15 @@ def test_the_transition_matrix_learns_from_the_same_transitions(learned: Learned
     monkeypatch.setattr(TransitionMatrix, "fit", spy)
     matrix = wall_variants.transition_matrix(learned)
     ((before, actions, after, seed),) = fits
-    np.testing.assert_array_equal(before, learned.wandering.percepts[:-1])
-    np.testing.assert_array_equal(after, learned.wandering.percepts[1:])
-    np.testing.assert_array_equal(actions, learned.wandering.actions[:-1])
+    wandered, first = learned.wandering, learned.episodes[0]
+    count, steps = len(wandered.percepts) - 1, len(first.percepts) - 1
+    assert len(before) == count + sum(len(one.percepts) - 1 for one in learned.episodes)
+    np.testing.assert_array_equal(before[:count], wandered.percepts[:-1])
+    np.testing.assert_array_equal(after[:count], wandered.percepts[1:])
+    np.testing.assert_array_equal(actions[:count], wandered.actions[:-1])
+    assert before[count : count + steps].equal(first.percepts[:-1])
+    assert after[count : count + steps].equal(first.percepts[1:])
+    assert actions[count : count + steps].equal(first.actions[:-1])
     assert seed == SEED
     config = fitted_model(learned).config
     assert matrix.config.steps == config.steps
@@ -573,6 +651,36 @@ def test_the_transition_matrix_turns_as_far_to_either_side_and_can_drive_straigh
     }
     assert {(right, left) for left, right in candidates} == candidates
     assert any(left == right for left, right in candidates)
+
+
+# Without a map
+
+
+def test_the_target_is_the_mean_of_the_nearest_cues():
+    cues = torch.tensor([[0.0], [0.1], [0.5], [0.9]]).expand(4, 6)
+    targets = torch.tensor([[0.1], [0.3], [0.8], [0.2]]).expand(4, 6)
+    nearest = NearestTargets(cues, targets, 2, make_forward_model(0), seed=0)
+    torch.testing.assert_close(nearest.target(torch.full((6,), 0.06)), torch.full((6,), 0.2))
+    torch.testing.assert_close(nearest.target(torch.full((6,), 0.8)), torch.full((6,), 0.5))
+
+
+def test_without_a_map_the_same_forward_model_acts(learned: Learned):
+    cues, targets = frames(learned.episodes)
+    assert len(cues) == sum(len(one.percepts) for one in learned.episodes)
+    assert targets[0].equal(cues[LEAD])
+    model = fitted_model(learned)
+    nearest = NearestTargets(cues, targets, 50, model, seed=0)
+    for percept in cues[::100]:
+        aim = nearest.target(percept)
+        driven = nearest.drive(percept.numpy())
+        np.testing.assert_array_equal(driven.action, model.select(percept, aim).action)
+        assert driven.commanded
+
+
+@pytest.mark.parametrize(("rows", "count"), [(0, 1), (3, 0), (3, 4)])
+def test_too_few_rows_are_refused(rows: int, count: int):
+    with pytest.raises(ValueError, match="expected as many cues as targets and a count"):
+        NearestTargets(torch.zeros(rows, 6), torch.zeros(rows, 6), count, make_forward_model(0), 0)
 
 
 # Conditions
@@ -705,7 +813,7 @@ def test_the_table_holds_mean_and_std_of_every_condition(capsys: pytest.CaptureF
     }
     wall_report.print_conditions(summary)
     header, recall, unseen = capsys.readouterr().out.strip().splitlines()
-    assert header.startswith("2 replicate(s)")
+    assert header.startswith("2 replicates")
     # of 0.5 and 1: mean 0.75, sample deviation 0.25 √2
     assert recall.split() == [
         "recall",
@@ -720,10 +828,26 @@ def test_the_table_holds_mean_and_std_of_every_condition(capsys: pytest.CaptureF
         "0.71",
     ]
     assert unseen.split()[4:7] == ["0.50", "±", "0.00"]
+    wall_report.print_conditions({"recall": summarise(replicates[:1])})
+    assert capsys.readouterr().out.split()[-4:] == ["recall", "0.50", "0.25", "0.00"]
     (axes, *_) = wall_report.draw_conditions(summary).axes
     assert {"recall", "recall in unseen arenas"} <= {
         label.get_text() for axis in (axes.xaxis, axes.yaxis) for label in axis.get_ticklabels()
     }
+
+
+def test_what_is_typical_stands_beside_the_own_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    wall_report.print_typical(tmp_path / "metrics.json")  # outside of a clone
+    assert capsys.readouterr().out == ""
+    replicates = [{"wf": 0.5, "tight": 0.25, "energy": 0.5}, {"wf": 1, "tight": 0.25, "energy": 0}]
+    document = {"conditions": {"recall": summarise(replicates)}}
+    (tmp_path / "metrics.json").write_text(json.dumps(document))
+    wall_report.print_typical(tmp_path / "metrics.json")
+    said = capsys.readouterr().out.split()
+    assert said[:4] == ["typical", "recall", "(2", "longer"]
+    assert said[5:] == ["0.75", "±", "0.35", "0.25", "±", "0.00", "0.25", "±", "0.35"]
 
 
 # The forward model alone
@@ -929,8 +1053,8 @@ def test_datasets_and_checkpoints_of_a_run_load_and_belong_together(walls_run: t
     wandering = load_demonstrations(folder / "wandering", environment_state=None)
     assert [one.percepts.shape for one in wandering] == [(500, 6)] * 10
     demonstrations = load_demonstrations(folder / "dataset", environment_state=None)
-    assert len(demonstrations) == 8
-    assert [one.task.split()[2] for one in demonstrations] == ["left"] * 4 + ["right"] * 4
+    assert len(demonstrations) == 16
+    assert [one.task.split()[2] for one in demonstrations] == ["left"] * 8 + ["right"] * 8
     model = MLPForwardModel.from_pretrained(folder / "forward_model")
     network = PACNet.from_pretrained(folder / "checkpoint", model).eval()
     scores = json.loads((folder / "metrics.json").read_text())
@@ -969,7 +1093,7 @@ def test_ctrl_c_while_acting_alone_keeps_datasets_and_checkpoints(tmp_path: Path
     interrupt_at("wall_following", "alone:", tmp_path)
     folder = only_run(tmp_path)
     assert len(load_demonstrations(folder / "wandering", environment_state=None)) == 10
-    assert len(load_demonstrations(folder / "dataset", environment_state=None)) == 8
+    assert len(load_demonstrations(folder / "dataset", environment_state=None)) == 16
     model = MLPForwardModel.from_pretrained(folder / "forward_model")
     assert len(PACNet.from_pretrained(folder / "checkpoint", model).sofm) > 1
     assert not (folder / "metrics.json").exists()

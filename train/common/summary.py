@@ -30,6 +30,18 @@ def summarise(replicates: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
     }
 
 
+def mean_and_std(score: Summary, digits: int = 2, factor: float = 1.0) -> str:
+    """Return a score as text: the mean, and ± the deviation where there are several replicates.
+
+    Args:
+        score: Over replicates.
+        digits: After the decimal point.
+        factor: On mean and deviation, to show them in another unit.
+    """
+    spread = f" ± {factor * score['std']:.{digits}f}" if len(score["values"]) > 1 else ""
+    return f"{factor * score['mean']:.{digits}f}{spread}"
+
+
 def _summary(values: list[float]) -> Summary:
     std = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
     return {"mean": float(np.mean(values)), "std": std, "values": values}

@@ -13,24 +13,17 @@ from envs.wall_behaviours import Side
 from pacnet import ForwardModel, PACNet
 from train.common.pool import processes
 from train.common.runs import UNSEEN_ARENAS
-from train.walls.episodes import (
-    TAUGHT_SIDES,
-    Driver,
-    Place,
-    Recalling,
-    Teacher,
-    Wandering,
-    act_alone,
-    alone_seed,
-)
-from train.walls.learning import make_network, teach
+from train.walls.drivers import Driver, Recalling, Teacher, Wandering
+from train.walls.episodes import TAUGHT_SIDES, Place, act_alone, alone_seed
+from train.walls.learning import NEAREST_CUES, frames, make_network, teach
+from train.walls.nearest import NearestTargets
 from train.walls.scores import SIDES, cluster_agreement, name_clusters, score_run, side_kept
 from train.walls.variants import (
     Learned,
     constant_target,
+    fitted_model,
     learn,
     mean_action,
-    never_abstaining,
     shuffled_targets,
     speed_free,
     transition_matrix,
@@ -88,11 +81,11 @@ def _conditions(learned: Learned) -> dict[str, list[Run]]:
         "recall beside a right wall": [_run_beside("right")],
         "wandering": [_run_wandering],
         "teacher's controller": [_run_teacher("left"), _run_teacher("right")],
+        "50-NN over all frames, no map": [_run_nearest],
         "one constant target": [_driven_by(lambda: constant_target(learned))],
         "shuffled targets": [_driven_by(lambda: shuffled_targets(learned))],
         "node's mean action": [_driven_by(lambda: mean_action(learned))],
         "untrained forward model": [_with(untrained)],
-        "no abstention": [_with(never_abstaining)],
         "transition matrix": [_with(transition_matrix)],
         "speed free": [_with(speed_free)],
         "noise doubled": [_driven_by(lambda: learned.network, Place(learned.arena, noise=2.0))],
@@ -133,6 +126,14 @@ def _run_beside(side: Side) -> Run:
 
 def _run_wandering(learned: Learned, steps: int) -> Scores:
     return _score(learned, Wandering(learned.seed), steps)
+
+
+def _run_nearest(learned: Learned, steps: int) -> Scores:
+    """Run the mean of as many targets as a schema averages, over everything that was followed."""
+    cues, targets = frames(learned.episodes)
+    model = fitted_model(learned)
+    driver = NearestTargets(cues, targets, min(NEAREST_CUES, len(cues)), model, learned.seed)
+    return _score(learned, driver, steps)
 
 
 def _run_teacher(side: Side) -> Run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -12,91 +12,19 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 import envs  # noqa: F401  # registers the environment
-from envs.khepera import MAX_WHEEL_SPEED
-from envs.wall_behaviours import Side, TrailFollower, WallFollower, Wanderer
+from envs.khepera import wheel_speeds
+from envs.wall_behaviours import Side, TrailFollower
 from envs.wall_following import WallFollowingEnv
-from pacnet import NO_NODE, PACNet
+from train.walls.boredom import Bored
+from train.walls.drivers import Driver, Wandering, shares
 from train.walls.scores import WallRun
 
 TAUGHT_SIDES: tuple[Side, Side] = ("left", "right")  # the order in which they are taught
 
+NOISE_TURN = 0.6  # [rad/s] largest turn that is added to what a follower does
+NOISE_RUN = 4  # [steps] for which it is held on average
+
 _WANDERING, _FOLLOWING, _ALONE, _TESTING = 0, 1, 2, 3  # purposes for which seeds are drawn
-
-
-class Driven(NamedTuple):
-    """What drove the robot in one step."""
-
-    action: NDArray[np.float32]  # [2] shares of the wheels' largest speed
-    winner: int = NO_NODE  # node that won the percept
-    commanded: bool = False  # by the network, not by the default behaviour
-    abstained: bool = False  # a target was recalled, but the forward model gave no action
-
-
-class Driver(Protocol):
-    """Drives the robot alone."""
-
-    def drive(self, percept: NDArray[np.float32]) -> Driven:
-        """Return what to do on a percept `[6]`."""
-        ...
-
-
-class Wandering:
-    """Drive by the default behaviour alone.
-
-    Args:
-        seed: Of its turns.
-    """
-
-    def __init__(self, seed: int) -> None:
-        self._wanderer = Wanderer(np.random.default_rng(seed))
-
-    def drive(self, percept: NDArray[np.float32]) -> Driven:
-        """Return what to do on a percept `[6]`."""
-        return Driven(shares(self._wanderer.act(percept)))
-
-
-class Teacher:
-    """Drive the learner's body by the teacher's controller.
-
-    Args:
-        side: Of the wall.
-    """
-
-    def __init__(self, side: Side) -> None:
-        self._follower = WallFollower(side)
-
-    def drive(self, percept: NDArray[np.float32]) -> Driven:
-        """Return what to do on a percept `[6]`."""
-        return Driven(shares(self._follower.act(percept)))
-
-
-class Recalling:
-    """Drive by a trained network; without an action, wander.
-
-    Args:
-        network: With a forward model.
-        seed: Of the wandering.
-    """
-
-    def __init__(self, network: PACNet, seed: int) -> None:
-        network.reset()
-        self._network = network
-        self._wanderer = Wanderer(np.random.default_rng(seed))
-
-    def drive(self, percept: NDArray[np.float32]) -> Driven:
-        """Return what to do on a percept `[6]`."""
-        decision = self._network.step(percept)
-        winner = NO_NODE if decision.is_novel else decision.winner
-        if decision.action is not None:
-            self._wanderer.take_over(MAX_WHEEL_SPEED * decision.action)
-            return Driven(decision.action, winner, commanded=True)
-        wandering = shares(self._wanderer.act(percept))
-        return Driven(wandering, winner, abstained=decision.target is not None)
-
-
-def shares(wheels: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return wheel speeds [m/s] as an action `[2]` of the environment, within its limits."""
-    return np.clip(wheels / MAX_WHEEL_SPEED, -1, 1).astype(np.float32)
 
 
 def make_environment(
@@ -105,6 +33,8 @@ def make_environment(
     noise: float = 1.0,
     camera: str | None = None,
     size: tuple[int, int] = (480, 480),
+    *,
+    teacher_rests: bool = False,
 ) -> WallFollowingEnv:
     """Return the environment without gymnasium's wrappers.
 
@@ -114,6 +44,7 @@ def make_environment(
         noise: Factor on the noise of the readings.
         camera: To render with, or None.
         size: Width and height of a picture [pixels].
+        teacher_rests: Whether the teacher stops for a minute now and then.
     """
     environment = gymnasium.make(
         "pacnet/WallFollowing-v0",
@@ -124,6 +55,7 @@ def make_environment(
         camera=camera or "top",
         width=size[0],
         height=size[1],
+        teacher_rests=teacher_rests,
     ).unwrapped
     assert isinstance(environment, WallFollowingEnv)
     return environment
@@ -158,10 +90,38 @@ def wander(arena: str | int, steps: int, seed: int) -> Transitions:
     return Transitions(np.stack(seen), np.stack(done))
 
 
+class MotorNoise:
+    """Turns that are added to what a follower does, each held for a while.
+
+    So a robot also gets a little off the teacher's way, feels what its wheels do there, and shows
+    how to come back.
+
+    Args:
+        rng: Of the turns.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._turn = 0.0  # [rad/s]
+
+    def wheels(self) -> NDArray[np.float64]:
+        """Return the wheel speeds `[2]` [m/s] to add in the next step."""
+        ends, turn = self._rng.random(), self._rng.uniform(-NOISE_TURN, NOISE_TURN)
+        if ends < 1 / NOISE_RUN:
+            self._turn = turn
+        return wheel_speeds(0.0, self._turn)
+
+
 def follow(
-    arena: str | int, side: Side, seed: int, steps: int, after_step: Callable[[], Any] | None = None
+    arena: str | int,
+    side: Side,
+    seed: int,
+    steps: int,
+    after_step: Callable[[], Any] | None = None,
+    *,
+    rests: bool = False,
 ) -> Transitions:
-    """Follow a teacher that follows walls.
+    """Follow a teacher that follows walls, with noise on the wheels.
 
     Args:
         arena: "paper" or a seed.
@@ -169,13 +129,16 @@ def follow(
         seed: Of the episode.
         steps: Number of steps.
         after_step: Called after each step.
+        rests: Whether the teacher stops for a minute now and then; the learner stops with it.
     """
-    environment = make_environment(arena, teacher=side)
+    environment = make_environment(arena, teacher=side, teacher_rests=rests)
     percept, info = environment.reset(seed=seed)
     follower = TrailFollower(info["pose"][:2], info["teacher_pose"][:2])
+    noise = MotorNoise(np.random.default_rng([seed, 1]))  # [seed] alone is the environment's
     seen, done = [], []
     for _ in range(steps):
-        action = shares(follower.act(info["pose"], info["teacher_pose"][:2]))
+        wheels = follower.act(info["pose"], info["teacher_pose"][:2]) + noise.wheels()
+        action = shares(0 * wheels if info["teacher_rests"] else wheels)
         seen.append(percept)
         done.append(action)
         percept, _, _, _, info = environment.step(action)
@@ -211,7 +174,7 @@ def act_alone(
     """Let a robot act alone.
 
     Args:
-        driver: Of the robot.
+        driver: Of the robot, but for moments of boredom.
         place: Where and how it acts.
         seed: Of the initial position and of the noise.
         steps: Number of steps.
@@ -221,6 +184,7 @@ def act_alone(
     environment = make_environment(place.arena, noise=place.noise, camera=camera)
     options = None if place.wall is None else {"wall": place.wall}
     percept, _ = environment.reset(seed=seed, options=options)
+    driver = Bored(driver)
     rows: list[dict[str, Any]] = []
     for _ in range(steps):
         driven = driver.drive(percept)

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from envs.arena_scene import CONTROL_TIMESTEP
 from envs.khepera import INFRARED_NAMES, wheel_speeds
-from envs.wall_behaviours import CRUISE, MAX_TURN
+from envs.wall_behaviours import CRUISE, DRIVING, MAX_TURN, RESTING
 from pacnet import (
     ForwardModel,
     MLPForwardModel,
@@ -30,7 +30,8 @@ from pacnet.datasets.recorder import Recorder
 from pacnet.forward_models.fitting import MAX_EPOCHS, FitReport
 from train.common.expected_findings import expect_findings
 from train.common.learning_log import LearningLog
-from train.walls.episodes import TAUGHT_SIDES, Transitions, follow, following_seeds, shares, wander
+from train.walls.drivers import shares
+from train.walls.episodes import TAUGHT_SIDES, Transitions, follow, following_seeds, wander
 
 FPS = round(1 / CONTROL_TIMESTEP)  # [1/s]
 WHEEL_NAMES = ("left_wheel.vel", "right_wheel.vel")  # as LeRobot names speeds
@@ -40,11 +41,11 @@ ROBOT = "khepera"
 TRANSITIONS = 5000  # [steps] of wandering
 WANDERING_STEPS = 500  # at most in an episode of the dataset
 WANDERING_TASK = "wander around and turn away from walls"
-EPISODES_A_SIDE, EPISODE_STEPS = 4, 750  # of following
+EPISODES_A_SIDE, EPISODE_STEPS = 8, 375  # of following
 LEAD = 3  # [steps] from a percept to its target; the forward model holds an action as long
 NOVELTY_THRESHOLD = 0.6
 NEAREST_CUES = 50  # over which a target is averaged
-ABSTAIN_BELOW = 0.02  # spread of the predicted readings below which no action is chosen
+ABSTAIN_BELOW = 0.0  # never: choosing between outcomes that are alike does no harm here
 TURNS = np.linspace(-MAX_TURN, MAX_TURN, 21)  # [rad/s] of the candidate actions
 EPISODE = 0  # number of the only learning episode
 CHUNK = 50  # samples learned between two points of the learning curves
@@ -80,14 +81,21 @@ def record_wandering(folder: Path, arena: str | int, seed: int, steps: int) -> N
     expect_findings(folder, JUMPS, WHY_THEY_JUMP)
 
 
-def record_following(folder: Path, arena: str | int, seed: int) -> None:
-    """Follow the teacher along left walls, then right ones, into a LeRobot dataset."""
-    total = len(TAUGHT_SIDES) * EPISODES_A_SIDE * EPISODE_STEPS
+def record_following(folder: Path, arena: str | int, seed: int, *, rests: bool = False) -> None:
+    """Follow the teacher along left walls, then right ones, into a LeRobot dataset.
+
+    Args:
+        folder: Of the dataset.
+        arena: "paper" or a seed.
+        seed: Of the episodes.
+        rests: See `follow_both_sides`.
+    """
+    total = len(TAUGHT_SIDES) * EPISODES_A_SIDE * _episode_steps(rests)
     with (
         Recorder(folder, FPS, FEATURES, ROBOT) as recorder,
         tqdm(total=total, desc="following", unit="step") as progress,
     ):
-        for side, followed in _follow_both_sides(arena, seed, progress.update):
+        for side, followed in _follow_both_sides(arena, seed, rests, progress.update):
             recorder.save_episode(task_of(TAUGHT_SIDES[side]), _frames(followed))
     expect_findings(folder, JUMPS, WHY_THEY_JUMP)
 
@@ -101,11 +109,18 @@ def load_episodes(folder: Path) -> list[Episode]:
     ]
 
 
-def follow_both_sides(arena: str | int, seed: int) -> list[Episode]:
-    """Return the same episodes without writing a dataset."""
+def follow_both_sides(arena: str | int, seed: int, *, rests: bool = False) -> list[Episode]:
+    """Return the same episodes without writing a dataset.
+
+    Args:
+        arena: "paper" or a seed.
+        seed: Of the episodes.
+        rests: Whether the teacher stops for a minute now and then. Episodes are then longer: the
+            robots drive for as long as without rests.
+    """
     return [
         Episode(*map(torch.from_numpy, followed), side)
-        for side, followed in _follow_both_sides(arena, seed)
+        for side, followed in _follow_both_sides(arena, seed, rests)
     ]
 
 
@@ -127,16 +142,15 @@ def make_forward_model(seed: int, speeds: Sequence[float] = (CRUISE,)) -> MLPFor
     return MLPForwardModel(config, seed=seed)
 
 
-def fit(model: MLPForwardModel, wandering: Transitions, seed: int) -> tuple[FitReport, Tensor]:
-    """Fit a forward model to wandering and to its mirror image: the body is symmetric.
+def fit(
+    model: MLPForwardModel, walks: Sequence[Transitions], seed: int
+) -> tuple[FitReport, Tensor]:
+    """Fit a forward model to walks and to their mirror images: the body is symmetric.
 
     Returns:
         The report, and the training and validation loss after each epoch `[E, 2]`.
     """
-    percepts, actions = (torch.from_numpy(rows) for rows in wandering)
-    transitions = [
-        torch.cat([rows, rows.flip(1)]) for rows in (percepts[:-1], actions[:-1], percepts[1:])
-    ]
+    rows = [torch.cat([rows, rows.flip(1)]) for rows in changes(walks)]
     losses = []
     with tqdm(total=MAX_EPOCHS, desc="fitting", unit="epoch") as progress:
 
@@ -144,9 +158,22 @@ def fit(model: MLPForwardModel, wandering: Transitions, seed: int) -> tuple[FitR
             losses.append((train_loss, validation_loss))
             progress.update()
 
-        report = model.fit(*transitions, seed=seed, progress=note)
+        report = model.fit(*rows, seed=seed, progress=note)
         progress.total = progress.n  # it may have stopped early
     return report, torch.tensor(losses)
+
+
+def changes(walks: Sequence[Transitions]) -> tuple[Tensor, Tensor, Tensor]:
+    """Return percepts, actions and next percepts of all walks; none leads to another walk."""
+    steps = [(percepts[:-1], actions[:-1], percepts[1:]) for percepts, actions in walks]
+    before, actions, after = zip(*steps, strict=True)
+    return _joined(before), _joined(actions), _joined(after)
+
+
+def walks_of(wandering: Transitions, episodes: Sequence[Episode]) -> list[Transitions]:
+    """Return all walks in which the robot felt its own wheels: wandering, and following."""
+    followed = [Transitions(one.percepts.numpy(), one.actions.numpy()) for one in episodes]
+    return [wandering, *followed]
 
 
 def make_network(forward_model: ForwardModel, targets: int = len(INFRARED_NAMES)) -> PACNet:
@@ -192,6 +219,12 @@ def teach(
     network.eval()
 
 
+def frames(episodes: Sequence[Episode]) -> tuple[Tensor, Tensor]:
+    """Return cues and targets `[N, 6]` of everything that was followed."""
+    targets = [targets_ahead(episode.percepts, LEAD) for episode in episodes]
+    return torch.cat([episode.percepts for episode in episodes]), torch.cat(targets)
+
+
 def load_wandering(folder: Path) -> Transitions:
     """Return the whole walk that `record_wandering` wrote."""
     episodes = list(_load(folder))
@@ -205,13 +238,26 @@ def _load(folder: Path) -> Demonstrations:
 
 
 def _follow_both_sides(
-    arena: str | int, seed: int, after_step: Callable[[], object] | None = None
+    arena: str | int, seed: int, rests: bool, after_step: Callable[[], object] | None = None
 ) -> Iterator[tuple[int, Transitions]]:
     """Yield each episode with the index of its side."""
     seeds = following_seeds(seed, len(TAUGHT_SIDES) * EPISODES_A_SIDE)
     for number, episode_seed in enumerate(seeds):
         side = number // EPISODES_A_SIDE
-        yield side, follow(arena, TAUGHT_SIDES[side], episode_seed, EPISODE_STEPS, after_step)
+        steps = _episode_steps(rests)
+        yield (
+            side,
+            follow(arena, TAUGHT_SIDES[side], episode_seed, steps, after_step, rests=rests),
+        )
+
+
+def _joined(walks: Sequence[np.ndarray]) -> Tensor:
+    return torch.from_numpy(np.concatenate(walks))
+
+
+def _episode_steps(rests: bool) -> int:
+    """Return the steps of an episode, with the time that the teacher rests."""
+    return EPISODE_STEPS + rests * RESTING * (EPISODE_STEPS // DRIVING)
 
 
 def _frames(transitions: Transitions) -> dict[str, np.ndarray]:

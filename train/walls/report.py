@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from pacnet.evaluation.map_figures import percepts_on_components
 from pacnet.evaluation.pca import PrincipalComponents
 from train.common.summary import Summary
 from train.common.video import write_gif, write_mp4
-from train.walls.episodes import Place, Recalling, act_alone, alone_seed
+from train.walls.drivers import Recalling
+from train.walls.episodes import Place, act_alone, alone_seed
 from train.walls.figures import (
     activations_over_time,
     clusters_on_components,
@@ -28,6 +30,7 @@ from train.walls.figures import (
 from train.walls.learning import FPS, Episode
 from train.walls.scores import SIDES, WallRun, name_clusters
 
+PRINTED = ("wf", "tight", "energy")  # scores
 FILM_STEPS = 400
 FRAME_STEPS = 2  # steps from one frame of the film to the next
 PATH_STEPS = 2500  # drawn as a path; a longer one would overlap too much
@@ -100,10 +103,23 @@ def draw_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> Figure:
 def print_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> None:
     """Print the table of conditions."""
     count = len(next(iter(summary.values()))["wf"]["values"])
-    print(f"\n{f'{count} replicate(s), mean ± std':28}{'wf':>15}{'tight':>15}{'energy':>15}")
+    title = f"{count} replicates, mean ± std" if count > 1 else "one replicate"
+    print(f"\n{title:32}" + "".join(f"{name:>15}" for name in PRINTED))
     for condition, scores in summary.items():
-        row = "".join(
-            f"{scores[name]['mean']:9.2f} ±{scores[name]['std']:5.2f}"
-            for name in ("wf", "tight", "energy")
-        )
-        print(f"{condition:28}{row}")
+        print(f"{condition:32}" + "".join(f"{_text(scores[name]):>15}" for name in PRINTED))
+
+
+def print_typical(metrics: Path) -> None:
+    """Print what recall scored over the replicates of a file of metrics; nothing without it."""
+    if not metrics.is_file():
+        return
+    recall = json.loads(metrics.read_text(encoding="utf-8"))["conditions"]["recall"]
+    count = len(recall["wf"]["values"])
+    title = f"typical recall ({count} longer runs)"
+    print(f"{title:32}" + "".join(f"{_text(recall[name]):>15}" for name in PRINTED))
+
+
+def _text(score: Summary) -> str:
+    """Return a mean, with the standard deviation where there are replicates."""
+    spread = f" ± {score['std']:.2f}" if len(score["values"]) > 1 else ""
+    return f"{score['mean']:.2f}{spread}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -22,11 +22,13 @@ from train.walls.learning import (
     EPISODE,
     TRANSITIONS,
     Episode,
+    changes,
     fit,
     follow_both_sides,
     make_forward_model,
     make_network,
     teach,
+    walks_of,
 )
 
 FREE_SPEEDS = (0.0, 0.03, 0.06, 0.07)  # [m/s] of the candidates where the speed is free
@@ -39,7 +41,7 @@ class Learned:
     Attributes:
         seed: Of the replicate.
         arena: Where it learned.
-        wandering: To which the forward model was fitted.
+        wandering: To which the forward model was fitted, with the episodes.
         episodes: Of following.
         network: Trained, with the forward model.
     """
@@ -67,10 +69,10 @@ class Repeat(nn.Module):
 def learn(seed: int, arena: str | int) -> Learned:
     """Wander, fit, follow and observe, without writing anything."""
     wandering = wander(arena, TRANSITIONS, seed)
-    model = make_forward_model(seed)
-    fit(model, wandering, seed)
-    network = make_network(model)
     episodes = follow_both_sides(arena, seed)
+    model = make_forward_model(seed)
+    fit(model, walks_of(wandering, episodes), seed)
+    network = make_network(model)
     teach(network, episodes)
     return Learned(seed, arena, wandering, episodes, network)
 
@@ -126,18 +128,10 @@ def untrained(learned: Learned) -> MLPForwardModel:
     return make_forward_model(learned.seed)
 
 
-def never_abstaining(learned: Learned) -> MLPForwardModel:
-    """Return the fitted forward model, acting however similar its predictions are."""
-    fitted = _forward_model(learned)
-    model = MLPForwardModel(replace(fitted.config, abstain_below=0.0))
-    model.load_state_dict(fitted.state_dict())
-    return model
-
-
 def speed_free(learned: Learned) -> MLPForwardModel:
     """Return the fitted forward model, choosing the speed too."""
     model = make_forward_model(learned.seed, FREE_SPEEDS)
-    model.load_state_dict(_forward_model(learned).state_dict())
+    model.load_state_dict(fitted_model(learned).state_dict())
     return model
 
 
@@ -147,7 +141,7 @@ def transition_matrix(learned: Learned) -> TransitionMatrix:
     It has seven of the candidates, one of them straight ahead; with more, each would have too few
     samples.
     """
-    config = _forward_model(learned).config
+    config = fitted_model(learned).config
     model = TransitionMatrix(
         TransitionMatrixConfig(
             config.state_dimensions,
@@ -157,12 +151,12 @@ def transition_matrix(learned: Learned) -> TransitionMatrix:
             abstain_below=config.abstain_below,
         )
     )
-    percepts, actions = map(torch.from_numpy, learned.wandering)
-    model.fit(percepts[:-1], actions[:-1], percepts[1:], seed=learned.seed)
+    model.fit(*changes(walks_of(learned.wandering, learned.episodes)), seed=learned.seed)
     return model
 
 
-def _forward_model(learned: Learned) -> MLPForwardModel:
+def fitted_model(learned: Learned) -> MLPForwardModel:
+    """Return the forward model of what was learned."""
     model = learned.network.forward_model
     assert isinstance(model, MLPForwardModel)
     return model

@@ -53,16 +53,23 @@ def own_percept(observation: Observation) -> NDArray[np.float32]:
     return np.concatenate([observation["proprioception"], observation["own_glass"]])
 
 
-class _Alone:
-    """An imitator that perceives itself and its own glass."""
+class Alone:
+    """An imitator that perceives itself and its own glass.
 
-    def __init__(self, imitator: Imitator) -> None:
-        self._imitator, self.is_novel = imitator, False
+    Args:
+        imitator: In eval mode.
+        task: That it is asked for, or None for whatever fits.
+    """
+
+    def __init__(self, imitator: Imitator, task: str | None = None) -> None:
+        self._imitator, self._task, self.is_novel = imitator, task, False
 
     def reset(self) -> None:
-        self._imitator.reset()
+        """Start an episode."""
+        self._imitator.reset(self._task)
 
     def step(self, observation: Observation) -> Target:
+        """Return the target of the coming step."""
         step = self._imitator.step(own_percept(observation))
         self.is_novel = step.is_novel
         return step.action
@@ -139,7 +146,7 @@ class _Nearest:
 def make_actor(row: str, folder: Path) -> Actor:
     """Return who acts in a row, as it was learned in a run's folder and saved there."""
     if row in (OURS, OURS_ONE, UNFRAMED):
-        return _Alone(Imitator.from_pretrained(folder / FOLDERS[row]).eval())
+        return Alone(Imitator.from_pretrained(folder / FOLDERS[row]).eval())
     makers: dict[str, Callable[[], Actor]] = {
         PACNET: lambda: _Watching(PACNet.from_pretrained(folder / "checkpoint").eval()),
         COPYING: _Copying,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from envs.mishaps import MISHAPS
 from pacnet.evaluation.figure_style import BLUE, GREY, INK, VERMILION, new_figure, tidy
-from train.common.summary import Summary, summarise
+from train.common.summary import Summary, mean_and_std, summarise
 from train.postural.retraining.replicates import POLICIES, Replicate, shown_to
 from train.postural.scores import Scores
 
@@ -151,7 +151,7 @@ def print_tables(scores: Mapping[str, Any]) -> None:
 
 
 def _mean_and_std(score: Summary) -> str:
-    return f"{score['mean']:15.4f} ±{score['std']:7.4f}"
+    return f"{mean_and_std(score, 4):>24}"
 
 
 def _apart(values: NDArray[np.float64]) -> NDArray[np.float64]:

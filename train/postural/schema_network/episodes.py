@@ -39,7 +39,8 @@ MARGIN = 0.1  # noise seldom makes equal confidences differ by more
 
 SCHEMA_NETWORK, PACNET = "schema network", "PACNet"
 SCHEMA_NETWORK_HELD, PACNET_HELD = "schema network, hysteresis", "PACNet, hysteresis"
-SYSTEMS = (SCHEMA_NETWORK, SCHEMA_NETWORK_HELD, PACNET, PACNET_HELD)
+BY_ATTENTION = "schema network by attention"
+SYSTEMS = (SCHEMA_NETWORK, SCHEMA_NETWORK_HELD, BY_ATTENTION, PACNET, PACNET_HELD)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +77,7 @@ def make_schema_network(shown: Mapping[str, Shown]) -> SchemaNetwork:
     Args:
         shown: Behaviour -> its demonstration.
     """
-    rules = CompetitionConfig(THRESHOLD)
-    network = SchemaNetwork(SchemaNetworkConfig(PERCEPTS, TARGETS, SCALE, WIDTH, rules))
+    network = empty_schema_network()
     grasp = {name: shown[name].phases.index("grasp") for name in ("drink", "toast")}
     cuts = [("drink", (0, grasp["drink"]))]
     for name, start in (*grasp.items(), ("move", 0)):
@@ -85,10 +85,20 @@ def make_schema_network(shown: Mapping[str, Shown]) -> SchemaNetwork:
         cuts += [(name, (first, last)) for first, last in pairwise(bounds.tolist())]
     for name, bounds in cuts:
         percepts, part = shown[name].percepts, slice(*bounds)
-        smooth = savgol_filter(percepts, SMOOTHING, polyorder=2, axis=0).astype(np.float32)
-        targets = motor_targets(percepts)
-        network.add_schema(torch.from_numpy(smooth[part]), torch.from_numpy(targets[part]))
+        sequences = smooth(percepts)[part], motor_targets(percepts)[part]
+        network.add_schema(*map(torch.from_numpy, sequences))
     return network
+
+
+def empty_schema_network() -> SchemaNetwork:
+    """Return a schema network for this scene, without any schema."""
+    rules = CompetitionConfig(THRESHOLD)
+    return SchemaNetwork(SchemaNetworkConfig(PERCEPTS, TARGETS, SCALE, WIDTH, rules))
+
+
+def smooth(percepts: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return percepts `[T, 28]` smoothed over time, like the targets."""
+    return savgol_filter(percepts, SMOOTHING, polyorder=2, axis=0).astype(np.float32)
 
 
 def with_margin(network: SchemaNetwork, margin: float) -> SchemaNetwork:
@@ -107,7 +117,7 @@ def held_out_episodes(
     Each episode has its own seed, so the results do not depend on the number of cores.
 
     Args:
-        checkpoints: Folder of the checkpoints `schema_network` and `pacnet`.
+        checkpoints: Folder of the checkpoints `schema_network`, `by_attention` and `pacnet`.
         seeds: Behaviour -> seeds, one for each episode.
         label: Of the progress bar.
 
@@ -158,6 +168,7 @@ class _Worker:
     def __init__(self, checkpoints: Path) -> None:
         self.schemas = SchemaNetwork.from_pretrained(checkpoints / "schema_network")
         self.held = with_margin(self.schemas, MARGIN)
+        self.by_attention = SchemaNetwork.from_pretrained(checkpoints / "by_attention")
         self.pacnet = PACNet.from_pretrained(checkpoints / "pacnet").eval()
         self.environments = {
             behaviour: make_environment(Condition(behaviour=behaviour)) for behaviour in SCHEMAS
@@ -167,15 +178,22 @@ class _Worker:
         behaviour, seed = task
         environment = self.environments[behaviour]
         # The imitator's own movement changes its percepts only by rounding errors.
-        shown, success = _imitate(self.schemas, environment, seed)
-        _, other_success = _imitate(self.pacnet, environment, seed)
+        acting = {
+            SCHEMA_NETWORK: self.schemas,
+            BY_ATTENTION: self.by_attention,
+            PACNET: self.pacnet,
+        }
+        done = {name: _imitate(network, environment, seed) for name, network in acting.items()}
+        shown = done[SCHEMA_NETWORK][0]
         winners = {
             SCHEMA_NETWORK: schemas_winning(self.schemas, shown.percepts),
             SCHEMA_NETWORK_HELD: schemas_winning(self.held, shown.percepts),
+            BY_ATTENTION: schemas_winning(self.by_attention, shown.percepts),
             PACNET: winners_of(self.pacnet, shown.percepts),
             PACNET_HELD: held_winners(self.pacnet, shown.percepts),
         }
-        return Episode(behaviour, shown, winners, {SCHEMA_NETWORK: success, PACNET: other_success})
+        success = {name: completed for name, (_, completed) in done.items()}
+        return Episode(behaviour, shown, winners, success)
 
 
 def schemas_winning(network: SchemaNetwork, percepts: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -25,7 +25,8 @@ from pacnet.evaluation.figure_style import (
 )
 from train.postural.winners import switches
 
-_SHADES = (VERMILION, "#f0b48c", BLUE, "#8cc4e8")  # in pairs: a system without and with hysteresis
+# A system without and with hysteresis; by hand, by attention, PACNet.
+_SHADES = (VERMILION, "#f0b48c", GREY, BLUE, "#8cc4e8")
 _BAR = 6  # [pt] thickness of a winner's bar
 
 
@@ -112,7 +113,7 @@ def side_by_side(
 
 
 def switches_per_episode(means: Mapping[str, Mapping[str, float]]) -> Figure:
-    """Draw the mean number of switches per episode of up to four systems.
+    """Draw the mean number of switches per episode of up to five systems.
 
     Args:
         means: System -> behaviour -> number.
@@ -125,7 +126,13 @@ def switches_per_episode(means: Mapping[str, Mapping[str, float]]) -> Figure:
     rows = np.arange(len(behaviours))
     for place, ((system, values), colour) in enumerate(zip(means.items(), _SHADES, strict=False)):
         numbers = [values[behaviour] for behaviour in behaviours]
-        bars = axes.barh(rows + (place - 1.5) * height, numbers, height, color=colour, label=system)
+        bars = axes.barh(
+            rows + (place - (len(means) - 1) / 2) * height,
+            numbers,
+            height,
+            color=colour,
+            label=system,
+        )
         axes.bar_label(bars, fmt="{:.1f}", padding=3, size=LABEL_SIZE)
     axes.set_xscale("log")
     axes.set_xlim(1, 1.6 * max(max(values.values()) for values in means.values()))

@@ -95,6 +95,28 @@ def score_schemas(episodes: Sequence[Episode], system: str) -> dict[str, Any]:
     }
 
 
+def score_order(
+    episodes: Sequence[Episode], system: str, order: tuple[int, ...]
+) -> dict[str, float]:
+    """Return how the schemas win in the episodes of one behaviour, in which some may win again.
+
+    Args:
+        episodes: Of the behaviour.
+        system: Whose winners are scored.
+        order: In which the schemas follow each other in the demonstration.
+
+    Returns:
+        `strictly_in_order_rate`: share of episodes in which all winners, runs of fewer than three
+        samples left out, have this order; `own_share`: of the samples with a winner, those that a
+        schema of the demonstration wins.
+    """
+    winners = [episode.winners[system] for episode in episodes]
+    return {
+        "strictly_in_order_rate": _mean(winner_order(won) == order for won in winners),
+        "own_share": _mean(np.isin(won[won != NO_NODE], order).mean() for won in winners),
+    }
+
+
 def score_duplicates(schemas: Sequence[Tensor]) -> dict[str, float | int]:
     """Return how much motor schemas duplicate one another, for any system.
 

@@ -1,0 +1,1 @@
+"""A world that changes: what learners make of it."""
