@@ -99,6 +99,13 @@ def test_online_means_are_running_means_of_what_each_wins():
     assert nearest_frames(frames, np.array([[1.1], [11.4]])).tolist() == [2, 3]
 
 
+def test_the_mean_target_of_the_nearest_cues():
+    stored, targets = np.array([[0.0], [1.0], [3.0], [9.0]]), np.array([[1.0], [2.0], [6.0], [7.0]])
+    asked = np.array([[0.2], [8.0]])
+    assert cues._nearest(stored, targets, asked).tolist() == [[1.0], [7.0]]
+    assert cues._nearest(stored, targets, asked, 2).tolist() == [[1.5], [6.5]]
+
+
 def test_batch_means_find_groups():
     rng = np.random.default_rng(0)
     frames = np.concatenate([rng.normal(centre, 0.1, (50, 2)) for centre in (0, 5, 9)])
@@ -139,6 +146,7 @@ def test_after_a_rest_the_keyframes_drink_alone_and_random_frames_do_not(monkeyp
     assert scores[f"{BUDGET} | {rare}"] == 0.0
     errors = cues.score_cues(stream, [BUDGET], 1000)
     assert errors[f"{BUDGET} | {alone.OURS}"] < 1.3 * errors[f"{BUDGET} | {alone.ALL}"]
+    assert errors[f"{BUDGET} | {cues.MEAN_OF_ALL}"] < errors[f"{BUDGET} | {alone.ALL}"]
     assert errors[f"{BUDGET} | {rare}"] > 2 * errors[f"{BUDGET} | {alone.ALL}"]
 
 
