@@ -65,7 +65,8 @@ def _add(schemas: Sequences, samples: Samples, episode: int, budget: int) -> Non
     nodes = merging_kernels.Nodes(*state.values(), *ends)
     node, since = as_array(samples.node), as_array(samples.habituated_at)
     budget = min(budget, len(rows.count))  # which may be more than int64 holds
-    left = merging_kernels.add_within_budget(node, since, episode, budget, rows, nodes)
+    single = schemas.pool.live("cue").dtype != torch.float64
+    left = merging_kernels.add_within_budget(node, since, episode, budget, single, rows, nodes)
     schemas.pool.replace({name: torch.from_numpy(column[left]) for name, column in values.items()})
     _set_blocks(schemas, {name: torch.from_numpy(column) for name, column in state.items()})
 
@@ -74,7 +75,11 @@ def _values(schemas: Sequences, samples: Samples) -> dict[str, NDArray[Any]]:
     """Return copies of the stored rows, and the new ones after them."""
     new = {"target": samples.target, "cue": samples.cue, COUNT: torch.ones_like(samples.node)}
     stored = {name: schemas.pool.live(name) for name in new}
-    return {name: as_array(torch.cat([stored[name], new[name]])) for name in new}
+    rows = {name: torch.cat([stored[name], new[name]]) for name in new}
+    return {
+        name: as_array(column.double() if column.is_floating_point() else column)
+        for name, column in rows.items()
+    }
 
 
 def _set_blocks(schemas: Sequences, state: dict[str, Tensor]) -> None:
@@ -95,10 +100,8 @@ def budget_holds(tensors: Tensors, budget: int) -> Checks:
 
 def check_counted(tensors: Tensors, budget: int | None) -> None:
     """Raise a ValueError unless a state has counts if, and only if, there is a budget."""
-    is_counted = f"pool.{COUNT}" in tensors
-    if is_counted != (budget is not None):
-        with_or_not = "with" if is_counted else "without"
-        raise ValueError(
-            f"expected targets {'without' if is_counted else 'with'} counts, as with "
-            f"budget={budget}, got targets {with_or_not} counts"
-        )
+    is_counted, name = f"pool.{COUNT}" in tensors, [f"pool.{COUNT}"]
+    if budget is None and is_counted:
+        raise ValueError(f"expected the tensors of no budget, got none missing, {name} extra")
+    if budget is not None and not is_counted:
+        raise ValueError(f"expected the tensors of a budget, got {name} missing, none extra")

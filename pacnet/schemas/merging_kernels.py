@@ -24,9 +24,9 @@ class Rows(NamedTuple):
     """R targets: first the stored ones, node by node and in order, then the new ones."""
 
     cue: Any
-    """Float32 or float64 `[R, D]`."""
+    """Float64 `[R, D]`, whatever it is stored as, so that the kernel is compiled once."""
     target: Any
-    """Of the same type `[R, A]`."""
+    """Float64 `[R, A]`."""
     count: Any
     """Number of targets shown that it is the mean of, int64 `[R]`; overwritten for new ones."""
     later: Any
@@ -53,7 +53,7 @@ class Nodes(NamedTuple):
 
 
 @cached_njit(nogil=True)
-def add_within_budget(node, habituated_at, episode, budget, rows, nodes):
+def add_within_budget(node, habituated_at, episode, budget, single, rows, nodes):
     """Add T targets in order of time, each within the budget, and return the rows that are left.
 
     Args:
@@ -61,6 +61,7 @@ def add_within_budget(node, habituated_at, episode, budget, rows, nodes):
         habituated_at: sample since when the node is habituated, or −1, `[T]`.
         episode: number of the learning episode.
         budget: number of targets, ≥ 1.
+        single: whether a mean is rounded to float32, as it is stored.
         rows: changed in place.
         nodes: changed in place.
 
@@ -72,7 +73,7 @@ def add_within_budget(node, habituated_at, episode, budget, rows, nodes):
         at = node[sample]
         total += _add(stored + sample, at, habituated_at[sample], episode, rows, nodes)
         while total > budget:
-            _make_room(at, rows, nodes)
+            _make_room(at, single, rows, nodes)
             total -= 1
     left, place = np.empty(total, np.int64), 0
     for at in range(len(nodes.length)):
@@ -143,7 +144,7 @@ def _append(row, node, rows, nodes):
 
 
 @njit
-def _make_room(added, rows, nodes):
+def _make_room(added, single, rows, nodes):
     """Make one target fewer, after one of the node `added` was appended."""
     node = 0
     for other in range(1, len(nodes.length)):
@@ -154,7 +155,7 @@ def _make_room(added, rows, nodes):
     elif nodes.forgotten[node] > 0:
         _drop_first(node, rows, nodes)
     else:
-        _merge_most_alike(node, rows, nodes)
+        _merge_most_alike(node, single, rows, nodes)
 
 
 @njit
@@ -169,7 +170,7 @@ def _forget_one(added, nodes):
 
 
 @njit
-def _merge_most_alike(node, rows, nodes):
+def _merge_most_alike(node, single, rows, nodes):
     """Let the earlier of the two nearest targets be the mean of both; of equal pairs the first."""
     if nodes.compared[node] == 0:
         _compare_until(_NONE, nodes.first[node], rows)
@@ -180,7 +181,7 @@ def _merge_most_alike(node, rows, nodes):
             one = row
         row = rows.later[row]
     other = rows.nearest[one]
-    _average(one, other, rows)
+    _average(one, other, single, rows)
     before = one
     while rows.later[before] != other:
         before = rows.later[before]
@@ -233,18 +234,18 @@ def _compare(row, rows):
 def _squared_distance(one, other, rows):
     total = 0.0
     for d in range(rows.cue.shape[1]):
-        difference = np.float64(rows.cue[one, d]) - np.float64(rows.cue[other, d])
+        difference = rows.cue[one, d] - rows.cue[other, d]
         total += difference * difference
     return total
 
 
 @njit
-def _average(one, other, rows):
+def _average(one, other, single, rows):
     """Write the mean of two targets, and of their cues, weighted by counts, in place of one."""
     both = rows.count[one] + rows.count[other]
     share = rows.count[other] / both
     for values in (rows.cue, rows.target):
         for k in range(values.shape[1]):
-            first = np.float64(values[one, k])
-            values[one, k] = first + share * (np.float64(values[other, k]) - first)
+            mean = values[one, k] + share * (values[other, k] - values[one, k])
+            values[one, k] = np.float64(np.float32(mean)) if single else mean
     rows.count[one] = min(both, MOST_SHOWN)

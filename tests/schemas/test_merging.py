@@ -1,19 +1,13 @@
-"""Motor schemas within a budget: which targets become one, and that portions do not matter."""
-
-import copy
-import threading
+"""Motor schemas within a budget: which targets become one."""
 
 import pytest
 import torch
 from slow_merging import SlowSchemas
-from torch import Tensor
 
-from pacnet import MotorSchemas, MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig
-from pacnet.core.checkpoint import read_checkpoint, write_checkpoint
+from pacnet import MotorSchemas, MotorSchemasConfig
 from pacnet.schemas.interface import Samples
 
 BUDGET = 12
-DELETING = {"forgetting_interval": 20, "max_edge_age": 2}
 
 
 def make_schemas(nodes: int, budget: int | None, dimensions: int = 1, **fields) -> MotorSchemas:
@@ -89,6 +83,16 @@ def test_of_equally_near_pairs_the_first_becomes_one():
     assert kept(schemas, 0) == [(2, 2, 2), (8, 8, 1), (12, 12, 1)]
 
 
+def test_a_mean_that_is_as_near_as_a_later_target_comes_first():
+    schemas = make_schemas(1, budget=3, dimensions=2)
+    cues = torch.tensor([[0.0, 0.0], [4.0, 0.5], [4.0, -0.5], [-4.0, 0.0], [0.0, 30.0]])
+    zeros, ones = torch.zeros(5, dtype=torch.int64), torch.ones(5)
+    schemas.add_samples(Samples(zeros, ones, ones.bool(), ones[:, None], cues, zeros), 0)
+    # The second and third become (4, 0), as far from the first as (−4, 0) is: 0 + 2/3 · 4.
+    expected = torch.tensor([[8 / 3, 0.0], [-4.0, 0.0], [0.0, 30.0]])
+    torch.testing.assert_close(schemas.cues(0), expected)
+
+
 def test_the_node_with_the_most_targets_makes_room_so_that_nodes_share_equally():
     schemas = make_schemas(3, budget=9)
     write(schemas, 0, *((float(cue), 0.0) for cue in range(9)))
@@ -131,7 +135,17 @@ def test_with_fewer_targets_than_nodes_the_node_forgets_that_is_habituated_longe
     assert schemas.lengths.tolist() == [1, 0, 1]
     write(schemas, 1, (1.0, 5.0), habituated_at=20)
     assert schemas.lengths.tolist() == [0, 1, 1]
-    schemas.check_state(schemas.state_dict())
+
+
+def test_a_node_that_forgets_its_only_target_has_none_to_replace():
+    schemas = make_schemas(2, budget=1)
+    write(schemas, 0, (1.0, 1.0), habituated_at=3)
+    state = schemas.state_dict()
+    state["blocks.forgotten"][0] = 1
+    schemas.load_state_dict(state)
+    write(schemas, 1, (1.0, 1.0), habituated_at=9)
+    assert schemas.lengths.tolist() == [0, 1]
+    schemas.load_state_dict(schemas.state_dict())
 
 
 def test_a_budget_of_one_keeps_the_mean_of_the_last_node():
@@ -250,76 +264,6 @@ def test_what_is_written_in_inference_mode_can_be_changed_later():
     assert [count for *_, count in kept(schemas, 0)] == [1, 3]
 
 
-# A network
-
-
-def make_network(budget: int | None = BUDGET, engine: str = "auto", **fields: object) -> PACNet:
-    attention = SOFMConfig.paper(2, **{"novelty_threshold": 0.6, **fields})
-    return PACNet(PACNetConfig(attention, MotorSchemasConfig(1, 2, budget=budget)), engine=engine)
-
-
-def wandering(samples: int = 120) -> tuple[Tensor, Tensor]:
-    """Percepts among a few places, each held for a while, with noise, and their targets."""
-    generator = torch.Generator().manual_seed(3)
-    places = torch.randint(2, (samples // 10, 2), generator=generator).float()
-    percepts = places.repeat_interleave(10, dim=0)
-    return percepts + 0.1 * torch.rand(samples, 2, generator=generator), percepts[:, :1] + 0.0
-
-
-@pytest.mark.parametrize("budget", [5, BUDGET])
-def test_at_once_in_parts_over_checkpoints_and_with_either_engine_the_same_is_kept(
-    budget: int, tmp_path
-):
-    """Nodes are forgotten, and with the smaller budget also deleted."""
-    fields = {"forgetting_interval": 60} if budget == BUDGET else DELETING
-    percepts, targets = wandering()
-    whole, eager, single, saved = (
-        make_network(budget, engine, **fields) for engine in ("compiled", "eager", "auto", "auto")
-    )
-    gone = 0
-    for episode in range(2):
-        gone += int(whole.observe(percepts, targets, episode).deleted.sum())
-        eager.observe(percepts, targets, episode)
-        for percept, target in zip(percepts, targets, strict=True):
-            single.observe(percept[None], target[None], episode)
-        for start, stop in ((0, 1), (1, 70), (70, 120)):
-            saved.observe(percepts[start:stop], targets[start:stop], episode)
-            saved.save_pretrained(tmp_path / "net")
-            saved = PACNet.from_pretrained(tmp_path / "net")
-    counts = whole.state_dict()["schemas.pool.count"]
-    assert len(counts) <= budget < int(counts.sum())
-    assert (gone > 0) == (fields is DELETING)
-    for other in (eager, single, saved):
-        assert_same(whole, other)
-
-
-def test_a_thread_recalls_from_before_or_after_while_another_learns():
-    percepts, targets = wandering()
-    network = make_network()
-    network.observe(percepts, targets, 0)
-    states = [copy.deepcopy(network)]
-    for _ in range(20):
-        states.append(copy.deepcopy(states[-1]))
-        states[-1].observe(percepts[:100], targets[:100] + len(states), 0)
-    expected = {tuple(one.eval().recall(percepts[:9]).target.flatten().tolist()) for one in states}
-    seen, over = set(), threading.Event()
-
-    def watch() -> None:
-        while not over.is_set():
-            seen.add(tuple(network.recall(percepts[:9]).target.flatten().tolist()))
-
-    watcher = threading.Thread(target=watch)
-    watcher.start()
-    try:
-        for number in range(2, 22):
-            network.observe(percepts[:100], targets[:100] + number, 0)
-    finally:
-        over.set()
-        watcher.join()
-    assert seen <= expected
-    assert len(expected) == 21
-
-
 # What is refused
 
 
@@ -329,41 +273,11 @@ def test_a_budget_that_is_none_is_refused(budget: object):
         MotorSchemasConfig(1, 1, budget=budget)  # pyright: ignore[reportArgumentType]
 
 
-def learned(budget: int | None) -> PACNet:
-    network = make_network(budget)
-    network.observe(*wandering(), 0)
-    return network
-
-
-def test_a_state_with_counts_does_not_load_without_a_budget_nor_the_other_way_round():
-    bounded, unbounded = learned(BUDGET), learned(None)
-    with pytest.raises(ValueError, match=r"with counts, as with budget=12, got targets without"):
-        make_network().load_state_dict(unbounded.state_dict())
-    with pytest.raises(ValueError, match=r"without counts, as with budget=None, got targets with"):
-        make_network(None).load_state_dict(bounded.state_dict())
-    with pytest.raises(ValueError, match="5 targets at most"):
-        make_network(5).load_state_dict(bounded.state_dict())
-
-
-def test_a_checkpoint_from_before_there_was_a_budget_loads(tmp_path):
-    network = learned(None)
-    network.save_pretrained(tmp_path)
-    fields, tensors = read_checkpoint(tmp_path)
-    del fields["schemas"]["budget"]
-    write_checkpoint(tmp_path, fields, tensors)
-    loaded = PACNet.from_pretrained(tmp_path)
-    assert loaded.config == network.config
-    assert_same(network, loaded)
-
-
-@pytest.mark.parametrize("count", [0, -1, 2**53 + 1])
-def test_a_damaged_count_is_refused(count: int):
-    network = learned(BUDGET)
-    before, state = copy.deepcopy(network), network.state_dict()
-    state["schemas.pool.count"][1] = count
-    with pytest.raises(ValueError, match="counts from 1 to"):
-        network.load_state_dict(state)
-    assert_same(before, network)
+def test_a_node_that_there_is_not_is_refused():
+    schemas, samples = make_schemas(3, BUDGET, 2), stream(30)
+    with pytest.raises(ValueError, match="expected nodes below 3"):
+        schemas.add_samples(samples._replace(node=samples.node + 1), 0)
+    assert schemas.lengths.tolist() == [0, 0, 0]
 
 
 def test_the_largest_count_stays_one_that_loads():
@@ -375,10 +289,3 @@ def test_the_largest_count_stays_one_that_loads():
     write(schemas, 0, (9.0, 9.0))
     assert kept(schemas, 0) == [(0.5, 0.5, 2**53), (9, 9, 1)]
     schemas.load_state_dict(schemas.state_dict())
-
-
-def test_a_node_that_there_is_not_is_refused():
-    schemas, samples = make_schemas(3, BUDGET, 2), stream(30)
-    with pytest.raises(ValueError, match="expected nodes below 3"):
-        schemas.add_samples(samples._replace(node=samples.node + 1), 0)
-    assert schemas.lengths.tolist() == [0, 0, 0]
