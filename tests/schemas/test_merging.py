@@ -7,7 +7,7 @@ from slow_merging import SlowSchemas
 from pacnet import MotorSchemas, MotorSchemasConfig
 from pacnet.schemas.interface import Samples
 
-BUDGET = 12
+BUDGET = 13  # of four nodes, so that two of them may have equally many too many
 
 
 def make_schemas(nodes: int, budget: int | None, dimensions: int = 1, **fields) -> MotorSchemas:
@@ -104,6 +104,13 @@ def test_the_node_with_the_most_targets_makes_room_so_that_nodes_share_equally()
     assert schemas.lengths.tolist() == [3, 3, 3]
 
 
+def test_of_nodes_with_equally_many_the_first_makes_room():
+    schemas = make_schemas(2, budget=3)
+    for node in (0, 1):
+        write(schemas, node, (0.0, 0.0), (1.0, 1.0))
+    assert schemas.lengths.tolist() == [1, 2]
+
+
 def test_a_long_rest_takes_no_more_room_than_a_target():
     schemas = make_schemas(1, budget=6)
     way = [(float(cue), float(cue)) for cue in range(5)]
@@ -163,6 +170,14 @@ def test_a_new_episode_clears_a_node_and_its_counts():
     schemas = make_schemas(1, budget=2)
     write(schemas, 0, (0.0, 0.0), (1.0, 1.0), (5.0, 5.0))
     write(schemas, 0, (7.0, 7.0), (9.0, 9.0), episode=1)
+    assert kept(schemas, 0) == [(7, 7, 1), (9, 9, 1)]
+
+
+def test_a_new_episode_clears_what_was_forgotten():
+    schemas = make_schemas(1, budget=3)
+    for time in (4, 4, 4, 30):
+        write(schemas, 0, (1.0, 1.0), habituated_at=time)
+    write(schemas, 0, (7.0, 7.0), (9.0, 9.0), habituated_at=30, episode=1)
     assert kept(schemas, 0) == [(7, 7, 1), (9, 9, 1)]
 
 
