@@ -116,19 +116,21 @@ def test_of_each_name_the_last_two_are_kept():
 
 
 @pytest.mark.slow
-def test_alone_the_last_two_are_followed_while_everything_keeps_to_the_old_way(monkeypatch):
-    stage = Stage((OLD, OLD, OLD, NEW, NEW), (NEW, OLD))
-    monkeypatch.setattr(drink, "STAGES", {drink.AFTER_TWO: stage})
+def test_alone_the_last_two_are_followed_and_with_names_both_ways_while_everything_keeps_to_the_old(
+    monkeypatch,
+):
     monkeypatch.setattr(drink, "_FIRST", (OLD,) * 3)
+    first = (OLD, OLD, OLD, NEW, NEW)
+    stages = {drink.AFTER_TWO: Stage(first, (NEW,)), BOTH: Stage((*first, OLD, NEW), (NEW, OLD))}
+    monkeypatch.setattr(drink, "STAGES", stages)
     body = KinematicModel.from_pretrained("checkpoints/body")
     scores = drink.act_alone(1000, 1, body)
     success = {cell: score for cell, score in scores.items() if "targets" not in cell}
-    prefix = drink.AFTER_TWO
     assert success == {
-        f"{prefix} | {drink.EVERYTHING} | {NEW}": 0.0,
-        f"{prefix} | {drink.LAST} | {NEW}": 1.0,
-        f"{prefix} | {drink.NAMED_LAST} | {NEW}": 1.0,
-        f"{prefix} | {drink.NAMED_LAST} | {OLD}": 1.0,
+        f"{drink.AFTER_TWO} | {drink.EVERYTHING} | {NEW}": 0.0,
+        f"{drink.AFTER_TWO} | {drink.LAST} | {NEW}": 1.0,
+        **{f"{BOTH} | {drink.NAMED} | {way}": 1.0 for way in (NEW, OLD)},
+        **{f"{BOTH} | {drink.NAMED_LAST} | {way}": 1.0 for way in (NEW, OLD)},
     }
 
 

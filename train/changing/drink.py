@@ -71,8 +71,8 @@ STAGES = {
 OVERWRITING, SEVERAL = "watching, overwriting", "watching, several schemas"
 WATCHING_LAST, COPYING_IT = f"watching, last {WINDOW}", "copying what it watches"
 EVERYTHING, LAST = "alone, everything", f"alone, last {WINDOW}"
-NAMED_LAST = f"alone, last {WINDOW} of each name"
-ROWS = (OVERWRITING, SEVERAL, WATCHING_LAST, COPYING_IT, EVERYTHING, LAST, NAMED_LAST)
+NAMED, NAMED_LAST = f"alone, last {WINDOW}, named", f"alone, last {WINDOW} of each name"
+ROWS = (OVERWRITING, SEVERAL, WATCHING_LAST, COPYING_IT, EVERYTHING, LAST, NAMED, NAMED_LAST)
 
 _NETWORKS: dict[str, tuple[Callable[[], PACNet], int | None]] = {  # and what is kept
     OVERWRITING: (lambda: make_network(NOVELTY_THRESHOLD), None),
@@ -112,38 +112,45 @@ def watch_and_imitate(seed: int, episodes: int) -> dict[str, float]:
     Scores: `targets` that are kept, and for each behaviour that is wanted the share of episodes in
     which it succeeds.
     """
-    scene, shown, scores = _Scenes(recall_seeds(seed, episodes)), show(seed), {}
+    scenes, shown, scores = _Scenes(recall_seeds(seed, episodes)), show(seed), {}
     for name, stage in STAGES.items():
         demonstrations = shown_in(stage, shown)
         for row, (make, kept) in _NETWORKS.items():
+            if row == WATCHING_LAST and len(stage.wanted) == 1:
+                continue  # it has seen little but that
             network = make()
             for one in demonstrations[-(kept or 0) :]:
                 network.observe(one.percepts, one.action, one.episode, one.task)
             scores[f"{name} | {row} | targets"] = float(network.schemas.lengths.sum())
             for wanted in stage.wanted:
-                scores[f"{name} | {row} | {wanted}"] = scene.imitate(network.eval(), wanted)
+                scores[f"{name} | {row} | {wanted}"] = scenes.imitate(network.eval(), wanted)
     for wanted in STAGES[ALL].wanted:
         copying = make_actor(COPYING, Path())
-        scores[f"{ALL} | {COPYING_IT} | {wanted}"] = scene.act(copying, wanted, "present")
+        scores[f"{ALL} | {COPYING_IT} | {wanted}"] = scenes.act(copying, wanted, "present")
     return scores
 
 
 def act_alone(seed: int, episodes: int, body: KinematicModel) -> dict[str, float]:
     """Return the same of imitators that act alone with a body model.
 
-    Without names they can only be wanted to do what was shown last, if the last two agree.
+    Without names they can only be wanted to do what was shown last, if the last ones agree. With
+    names they can be asked for each way of which they keep a demonstration.
     """
-    scene, shown, scores = _Scenes(recall_seeds(seed, episodes)), show(seed), {}
+    scenes, shown, scores = _Scenes(recall_seeds(seed, episodes)), show(seed), {}
     for name, stage in STAGES.items():
-        demonstrations = shown_in(stage, shown)
-        unnamed = [replace(one, task=_TASKS[OLD]) for one in demonstrations]
-        rows = {EVERYTHING: unnamed, LAST: unnamed[-WINDOW:], NAMED_LAST: _last(demonstrations)}
+        named = shown_in(stage, shown)
+        unnamed = [replace(one, task=_TASKS[OLD]) for one in named]
+        rows = {EVERYTHING: unnamed, LAST: unnamed[-WINDOW:]}
+        if not stage.settled:  # several ways may be wanted, so they need names
+            rows |= {NAMED: named[-WINDOW:], NAMED_LAST: _last(named)}
         for row, kept in rows.items():
             imitator = _teach(kept, body)
             scores[f"{name} | {row} | targets"] = float(sum(len(one.action) for one in kept))
-            for wanted in stage.wanted if row == NAMED_LAST else stage.settled:
-                actor = Alone(imitator, _TASKS[wanted] if row == NAMED_LAST else None)
-                scores[f"{name} | {row} | {wanted}"] = scene.act(actor, wanted, "absent")
+            for wanted in stage.settled if row in (EVERYTHING, LAST) else stage.wanted:
+                task = None if row in (EVERYTHING, LAST) else _TASKS[wanted]
+                if task is None or task in imitator.tasks:
+                    success = scenes.act(Alone(imitator, task), wanted, "absent")
+                    scores[f"{name} | {row} | {wanted}"] = success
     return scores
 
 

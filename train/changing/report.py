@@ -40,7 +40,9 @@ def draw_gain(scores: Table) -> Figure:
             errors = [scores[f"{row} | {time} | {score}"]["mean"] for time in TIMES]
             axes.plot([time / 10 for time in TIMES], errors, label=row, **style)
     panels[1].set_ylabel("")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside right center", frameon=False)
+    handles = panels[0].get_legend_handles_labels()
+    key = {"loc": "outside right center", "frameon": False, "title": "in steps of 0.1 s"}
+    figure.legend(*handles, **key)
     return figure
 
 

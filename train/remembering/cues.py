@@ -1,0 +1,107 @@
+"""Imitating with the demonstrator present: how far off is the target of the nearest cue kept?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pacnet import Imitator, MotorSchemasConfig, PACNet, PACNetConfig
+from pacnet.datasets.demonstrations import Demonstrations
+from train.postural.learning import SCALE, attention_config
+from train.remembering.alone import ALL, OURS
+from train.remembering.clusters import batch_means, online_means
+from train.remembering.rules import RULES, Choice
+from train.remembering.streams import Stream, show
+
+PACNET = "PACNet (budget=)"
+_MEANS: dict[str, Callable[[Choice], NDArray[np.float64]]] = {
+    "k-means": lambda one: batch_means(one.percepts, one.budget, one.rng),
+    "k-means, online": lambda one: online_means(one.percepts, one.budget),
+}
+ROWS = (OURS, PACNET, *RULES, ALL)
+
+_HELD_OUT = 2  # demonstrations whose targets are looked for
+_OTHERS = 100_000  # from a replicate's seed to that of what is held out
+
+Array = NDArray[np.float64]
+
+
+def score_cues(stream: Stream, budgets: Sequence[int], seed: int) -> dict[str, float]:
+    """Return "budget | row" -> root-mean-square error of a target [deg] in drinks not learned.
+
+    Args:
+        stream: That was shown.
+        budgets: Numbers of targets.
+        seed: Of the replicate.
+    """
+    shown = show(stream, seed)
+    unseen = show(Stream((stream.wanted,) * _HELD_OUT), seed + _OTHERS)
+    cues, targets, of = _rows(shown)
+    asked, wanted, _ = _rows(unseen)
+    scores = {}
+    for budget in budgets:
+        kept = {row: _kept(row, cues, targets, of, budget, seed) for row in RULES}
+        found = {row: _nearest(*pair, asked) for row, pair in kept.items()}
+        found[OURS] = _nearest(*_interpolated(shown, budget), asked)
+        found[PACNET] = _recalled(shown, unseen, budget)
+        found[ALL] = _nearest(cues, targets, asked)
+        for row, guess in found.items():
+            error = np.rad2deg(np.sqrt(np.square(guess - wanted).mean()))
+            scores[f"{budget} | {row}"] = float(error)
+    return scores
+
+
+def _rows(shown: Demonstrations) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return all scaled percepts `[N, 28]`, targets `[N, 11]` and numbers of demonstrations."""
+    percepts = torch.cat([one.percepts for one in shown]).double().numpy() * np.array(SCALE)
+    targets = torch.cat([one.action for one in shown]).double().numpy()
+    return percepts, targets, np.repeat(np.arange(len(shown)), [len(one.action) for one in shown])
+
+
+def _kept(
+    row: str, cues: Array, targets: Array, of: NDArray[np.int64], budget: int, seed: int
+) -> tuple[Array, Array]:
+    """Return the cues and targets that a rule keeps; k-means keeps means of both."""
+    choice = Choice(cues, of, budget, seed)
+    if row not in _MEANS:
+        kept = RULES[row](choice)
+        return cues[kept], targets[kept]
+    means = _MEANS[row](choice)
+    nearest = _indices(means, cues)
+    own = np.unique(nearest)
+    return means[own], np.stack([targets[nearest == one].mean(axis=0) for one in own])
+
+
+def _interpolated(shown: Demonstrations, budget: int) -> tuple[Array, Array]:
+    """Return the scaled percepts and the targets that an imitator interpolates."""
+    imitator = Imitator.from_demonstrations(shown, budget=budget, points=None)
+    imitator.learn(shown)
+    whole = imitator.memory.whole()
+    factor = np.array(SCALE) / imitator.config.scaling.array
+    return whole.percepts * factor, whole.targets.astype(np.float64)
+
+
+def _recalled(shown: Demonstrations, unseen: Demonstrations, budget: int) -> Array:
+    """Return what PACNet recalls, taught in one pass, `[N, 11]`; without a target 0."""
+    schemas = MotorSchemasConfig(unseen.episodes[0].action.shape[1], len(SCALE), budget=budget)
+    network = PACNet(PACNetConfig(attention_config(), schemas))
+    for one in shown:
+        network.observe(one.percepts, one.action, one.episode)
+    network.eval()
+    recalled = [network.recall(one.percepts).target for one in unseen]
+    return np.nan_to_num(torch.cat(recalled).double().numpy())
+
+
+def _nearest(cues: Array, targets: Array, asked: Array) -> Array:
+    """Return the target of the nearest cue for each percept."""
+    return targets[_indices(cues, asked)]
+
+
+def _indices(cues: Array, asked: Array) -> NDArray[np.int64]:
+    """Return the number of the nearest cue for each percept `[N]`."""
+    rows = torch.from_numpy(np.ascontiguousarray(cues, np.float64))
+    apart = torch.cdist(torch.from_numpy(asked), rows)
+    return apart.argmin(dim=1).numpy()
