@@ -2,18 +2,32 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from training_runs import only_run
 
+from pacnet.datasets.demonstrations import Demonstration
 from pacnet.forward_models.kinematics import KinematicModel
 from train import memory
 from train.remembering import alone, cues, replicates, walls
 from train.remembering.clusters import batch_means, nearest_frames, online_means
 from train.remembering.replicates import ALONE, BUDGET, BUDGETS, CUES, CURVE, WALLS
-from train.remembering.rules import RULES, Choice, evenly_of_last, novel
-from train.remembering.streams import DRINK, NOISY, PLAIN, RARE, RESTS, STREAMS, TOAST, Stream, show
+from train.remembering.rules import RULES, Choice, evenly_of_last, moving, moving_of_last, novel
+from train.remembering.streams import (
+    DRINK,
+    NOISY,
+    PLAIN,
+    RARE,
+    RESTS,
+    STREAMS,
+    TOAST,
+    Stream,
+    numbers_of,
+    show,
+)
 
 
 def choice(budget: int, seed: int = 0) -> Choice:
@@ -21,9 +35,9 @@ def choice(budget: int, seed: int = 0) -> Choice:
     angle = np.concatenate(
         [np.linspace(0, 6.28, 100)] * 2 + [np.zeros(300), np.linspace(0, 6, 100)]
     )
-    of = np.repeat([0, 1, 2], [100, 100, 400])
+    of, task = np.repeat([[0, 1, 2], [0, 1, 1]], [100, 100, 400], axis=1)
     noise = 0.01 * np.random.default_rng(1).standard_normal((600, 2))
-    return Choice(np.stack([np.cos(angle), np.sin(angle)], axis=1) + noise, of, budget, seed)
+    return Choice(np.stack([np.cos(angle), np.sin(angle)], axis=1) + noise, of, task, budget, seed)
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -39,6 +53,26 @@ def test_a_rule_keeps_frames_within_the_budget(rule: str):
 
 def test_every_nth_frame_of_the_last_demonstration():
     assert evenly_of_last(choice(4)).tolist() == [250, 350, 450, 550]  # of 200 to 599
+
+
+def test_moving_frames_of_the_last_demonstration_of_each_task_and_none_of_the_rest():
+    kept = moving_of_last(choice(40))
+    assert len(kept) == 40
+    assert ((kept < 100).sum(), (kept >= 200).sum()) == (20, 20)  # none of 100 to 199
+    assert not np.isin(kept, np.arange(200, 470)).any()  # it rests until 499
+    apart = np.diff(kept[kept >= 200])
+    assert apart.max() - apart.min() <= 1  # every n-th
+    # Where nothing moves, every n-th frame of all.
+    still = replace(choice(8), percepts=0.01 * np.random.default_rng(0).standard_normal((600, 2)))
+    assert len(moving_of_last(replace(still, percepts=np.zeros((600, 2))))) == 8
+    assert moving(still.percepts).mean() < 0.1
+
+
+def test_frames_are_numbered_by_demonstration_and_by_task():
+    one = Demonstration(0, "a", torch.zeros(2, 1), torch.zeros(2, 0), torch.zeros(2, 1))
+    of, task = numbers_of([one, replace(one, task="b"), one])
+    assert of.tolist() == [0, 0, 1, 1, 2, 2]
+    assert task.tolist() == [0, 0, 1, 1, 0, 0]
 
 
 def test_novelty_alone_covers_the_circle_once_however_long_the_rest():

@@ -41,13 +41,16 @@ def score(stream: str, seed: int) -> dict[str, float]:
     if stream == RESTS:
         episodes = follow_both_sides("paper", seed, rests=True)
     cues, targets = frames(episodes)
-    of = np.repeat(np.arange(len(episodes)), [len(one.percepts) for one in episodes])
+    steps = [len(one.percepts) for one in episodes]
+    of, side = (
+        np.repeat(one, steps) for one in (range(len(steps)), [one.side for one in episodes])
+    )
     model = learned.network.forward_model
     assert isinstance(model, MLPForwardModel)
     network = _within_budget(model, episodes)
     drivers: dict[str, Driver] = {PACNET: Recalling(network, seed)}
     for row, rule in RULES.items():
-        kept = rule(Choice(cues.double().numpy(), of, BUDGET, seed))
+        kept = rule(Choice(cues.double().numpy(), of, side, BUDGET, seed))
         count = min(FEW, len(kept))
         drivers[row] = NearestTargets(cues[kept], targets[kept], count, model, seed)
         if row == RESERVOIR:
