@@ -19,8 +19,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from benchmarks import results_page
+from benchmarks import real_budget, results_page
 from benchmarks.harness import NOTHING, Table, factor
+from benchmarks.real_budget import Budgeted, under_budget
 from pacnet import Imitator, load_demonstrations
 from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.datasets.format import DatasetWarning
@@ -69,6 +70,8 @@ class Measured(NamedTuple):
     """After one demonstration."""
     moved: float
     """Share of moved frames that are called novel."""
+    budgeted: Budgeted
+    """With fewer frames kept."""
 
     @property
     def width(self) -> int:
@@ -89,6 +92,10 @@ def measure(folders: Iterable[str]) -> list[Table]:
             "Real datasets: from one demonstration", ONE, ("dataset", "acts", "error", "of 1-NN's"),
             results, _from_one,
         ),
+        _table(
+            "Real datasets: under a budget", real_budget.TEXT, real_budget.COLUMNS, results,
+            lambda one: real_budget.row(one.budgeted, one.scores.baselines["1-NN"]),
+        ),
         _table("Real datasets: what is new", NEW, new, results, lambda one: _new(one, measured)),
     ]  # fmt: skip
 
@@ -105,11 +112,12 @@ def _measure_one(folder: str) -> Measured | Refused:
         parted = splits(demonstrations)
         scores = score(parted, learn)
         from_one = score([_first_alone(split) for split in parted])
+        budgeted = under_budget(parted)
     except (OSError, ValueError) as error:
         return Refused(name, " ".join(str(error).replace(folder, name).replace("|", "/").split()))
     imitators = [learn(split.training) for split in parted]
     moved = _moved_share(imitators, parted)
-    return Measured(name, demonstrations, parted, imitators, scores, from_one, moved)
+    return Measured(name, demonstrations, parted, imitators, scores, from_one, moved, budgeted)
 
 
 def _first_alone(split: Split) -> Split:

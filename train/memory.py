@@ -25,7 +25,7 @@ from train.common.runs import (
 )
 from train.common.summary import Summary, summarise
 from train.postural.alone.learning import load_body
-from train.remembering.replicates import run_replicates
+from train.remembering.replicates import ALONE, CUES, EXPERIMENTS, run_replicates
 from train.remembering.report import draw, print_tables
 
 
@@ -40,6 +40,9 @@ def parse_arguments() -> argparse.Namespace:
     )
     parser.add_argument(
         "--body", default="checkpoints/body", help="folder of the body model, from train.babbling"
+    )
+    parser.add_argument(
+        "--only", choices=EXPERIMENTS, help="one of the three experiments, instead of all"
     )
     return parser.parse_args()
 
@@ -58,16 +61,18 @@ def run(arguments: argparse.Namespace, body: KinematicModel, folder: Path) -> No
     seeds = range(arguments.seed, arguments.seed + arguments.replicates)
     command = command_line("train.memory", arguments)
     done, scores = [], dict[str, dict[str, Summary]]()
-    for replicate in run_replicates(seeds, arguments.episodes, body):
+    chosen = EXPERIMENTS if arguments.only is None else (arguments.only,)
+    for replicate in run_replicates(seeds, arguments.episodes, body, chosen):
         done.append(replicate)
         scores = {name: summarise([one[name] for one in done]) for name in replicate}
         # After each replicate, so that none is lost.
         write_metrics(folder / "metrics.json", command, arguments.seed, scores)
-    save_figures(folder / "figures", {"memory": draw(scores)})
+    figures = {"memory": draw(scores)} if {ALONE, CUES} <= scores.keys() else {}
+    save_figures(folder / "figures", figures)
     with LearningLog(folder / "tensorboard") as log:
         for name, values in scores.items():
             log.scores({cell: score["mean"] for cell, score in values.items()}, name)
-        log.pictures(folder / "figures" / "memory.png")
+        log.pictures(*(folder / "figures" / f"{name}.png" for name in figures))
     print_tables(scores)
     print(f"\nscores    {folder / 'metrics.json'}\nfigure    {folder / 'figures'}")
     print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")

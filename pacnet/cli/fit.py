@@ -88,7 +88,8 @@ def add_to(commands: Commands) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--budget", type=whole_number(1), metavar="N",
-        help="keep the targets of N frames at most, equally many of each kind of situation (all)",
+        help="keep the targets of N frames at most: keyframes, between which it interpolates; of "
+        "what is shown again and again the last demonstrations (all frames)",
     )  # fmt: skip
     add_points(parser)
     add_held_out(parser)

@@ -167,7 +167,7 @@ def _imitator(document: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("nodes", f"{document['nodes']:,}"),
         ("demonstrations", f"{document['demonstrations']:,}"),
         ("targets", f"{document['targets']:,} of {shown:,} shown, {kind}"),
-        ("budget", "none, all are kept" if budget is None else f"{budget:,} targets"),
+        ("budget", "none, all are kept" if budget is None else f"{budget:,} targets at most"),
         ("tasks", ", ".join(name or "untitled" for name in document["tasks"]) or NOTHING),
     ]
     if document["forward_model"] is not None:

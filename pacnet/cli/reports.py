@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 _HEADS = (
     "<dataset", "episode", "<task", "frames", "new nodes", "nodes", "stored", "novelty",
 )  # fmt: skip
-_LEGEND = """stored: share of the frames that are kept; all of them unless there is a budget
+_LEGEND = """stored: share of the frames that are kept: all, or with a budget the keyframes, if any
 novelty: largest novelty before the episode was learned; above 1 it was novel"""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -185,8 +184,8 @@ class GrowableRows(nn.Module):
 
     def fork(self) -> GrowableRows:
         """Return rows that share what is there; those appended to either are not the other's."""
-        other = copy.copy(self)
-        other._memory = {}  # so that it takes memory of its own for more
+        other = GrowableRows(self.columns)  # what is loaded into it is loaded into no other
+        other.training = self.training
         other._buffers = {name: self.live(name).data for name in self.columns}
         return other
 

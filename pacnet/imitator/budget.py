@@ -15,7 +15,7 @@ from pacnet.schemas.demonstration_memory import Shown
 from pacnet.schemas.keyframes import importance, most_important
 
 ENOUGH = 20  # frames of each demonstration, from which it can be followed
-_COMPARED = 2_000  # rows; of more, every second, third, ... is compared with
+_COMPARED = 2_000  # rows; of more, every second, third, ... is compared
 
 Numbers = NDArray[np.int64]
 
@@ -34,7 +34,8 @@ def kept_rows(shown: Shown, important: NDArray[np.float64], parts: Numbers, budg
     left = np.ones(len(of), bool)
     task = dict(zip(parts.tolist(), shown.task.tolist(), strict=True))
     known = list(dict.fromkeys(of.tolist()))
-    while len(known) > max(1, budget // ENOUGH):
+    ends = 2 * np.bincount(parts)  # at which a demonstration cannot be interpolated
+    while len(known) > 1 and np.maximum(ENOUGH, ends[known]).sum() > budget:
         gone = _most_familiar(shown.percepts, of, known, task)
         known.remove(gone)
         left &= of != gone
@@ -73,7 +74,8 @@ def _distance(percepts: NDArray[np.float32], others: NDArray[np.float32]) -> flo
     """Return the mean distance of percepts `[N, D]` from the nearest of others `[M, D]`."""
     if len(others) == 0:
         return np.inf
-    some = others[:: 1 + len(others) // _COMPARED].astype(np.float64)
-    own = percepts.astype(np.float64)
+    own, some = (
+        rows[:: 1 + len(rows) // _COMPARED].astype(np.float64) for rows in (percepts, others)
+    )
     squares = np.square(own).sum(1)[:, None] + np.square(some).sum(1) - 2 * own @ some.T
     return float(np.sqrt(np.maximum(squares.min(axis=1), 0)).mean())

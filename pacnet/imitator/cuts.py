@@ -75,6 +75,8 @@ def cuts_of(
         demonstrations: number E of them.
     """
     begin, end = frame[segments.first], frame[segments.end - 1] + 1
+    goes_on = np.flatnonzero(np.diff(segments.demonstration) == 0)
+    end[goes_on] = begin[goes_on + 1]
     cuts = []
     for number in range(demonstrations):
         own = np.flatnonzero(segments.demonstration == number).tolist()

@@ -29,7 +29,7 @@ from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.framing import Framed, framed, segments_of
 from pacnet.schemas.percept_extension import PerceptExtension
 from pacnet.schemas.scene import Scene, poses_of, scene_of
-from pacnet.schemas.segments import CONTINUES, SegmentMemory, Segments
+from pacnet.schemas.segments import CONTINUES, MIDDLE, SegmentMemory, Segments
 from pacnet.schemas.smoothing import smoothed_scene
 
 
@@ -109,7 +109,7 @@ class FramedSchemas(nn.Module):
             shown: the demonstrations up to it, whole.
             unit: of each scaled dimension, `[D]`.
         """
-        extension = self.extension()
+        extension, begins = self.extension(), _with_its_head(begins, number, shown)
         if begins == CONTINUES:
             how = self.segments.begins(number)
             first = max(one for one in range(number) if how[one] != CONTINUES)
@@ -117,15 +117,22 @@ class FramedSchemas(nn.Module):
         landmark = self._approach(extension.episode(percepts, goes_on=True)).landmark
         self.segments.append(number, landmark, begins)
 
-    def cut_again(self, shown: Shown, unit: NDArray[np.float64]) -> None:
-        """Cut all demonstrations, whole, of which other frames are kept now; see `cut`."""
-        begins = self.segments.begins(len(shown.frames)).tolist()
+    def cut_again(self, before: Shown, shown: Shown) -> None:
+        """Cut demonstrations of which fewer frames are kept now where they were cut before.
+
+        Args:
+            before: all demonstrations, whole, as they are cut.
+            shown: the same with what is kept now, whole.
+        """
+        cuts, begins = self.segments.columns(), self.segments.begins(len(shown.frames)).tolist()
+        landmark = cuts["landmark"].repeat(cuts["frames"])
         self.segments.clear()
         self.forget_derived()
         for number in np.flatnonzero(shown.frames).tolist():
-            rows = slice(shown.first[number], shown.first[number + 1])
-            percepts = (shown.percepts[rows] * unit).astype(np.float32)
-            self.cut(number, percepts, begins[number], shown, unit)
+            old, new = (slice(*one.first[number : number + 2]) for one in (before, shown))
+            at = np.searchsorted(before.frame[old], shown.frame[new], side="right") - 1
+            begin = _with_its_head(begins[number], number, shown)
+            self.segments.append(number, landmark[old][at], begin)
 
     def episodes(self) -> NDArray[np.int64]:
         """Return the number of the episode that each demonstration is a part of, `[E]`."""
@@ -246,3 +253,8 @@ class FramedSchemas(nn.Module):
     def forget_derived(self) -> None:
         """Derive all anew from the demonstrations, which have changed."""
         self._framed, self._derived, self._past = [], None, self.extension()
+
+
+def _with_its_head(begins: int, number: int, shown: Shown) -> int:
+    """Return how a demonstration begins: what goes on where nothing is kept, in the middle."""
+    return MIDDLE if begins == CONTINUES and shown.frames[number - 1] == 0 else begins

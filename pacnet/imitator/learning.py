@@ -101,12 +101,11 @@ class Draft:
         changes = config.scaling.recent(config.fps).changes(scaled)
         changes = (changes * config.scaling.change_ratio).clip(-MAX_VALUE, MAX_VALUE)
         self.memory.append(scaled, changes.astype(np.float32), targets, task, correction)
-        unit = 1 / np.array(config.scaling.scale)
         if self.frames is not None:
-            whole = self.memory.whole()
+            whole, unit = self.memory.whole(), 1 / np.array(config.scaling.scale)
             self.frames.cut(len(self.memory) - 1, percepts.numpy(), begins, whole, unit)
         if config.budget is not None:
-            self._forget(config, unit)
+            self._forget(config, config.budget)
         if self.frames is not None:
             return observed, novelty
         if not correction and self.detector.is_due(len(self.memory)):
@@ -134,10 +133,9 @@ class Draft:
         self.correction.add(deviations, targets[frames] - shown.targets[rows], within=False)
         return novelty
 
-    def _forget(self, config: ImitatorConfig, unit: NDArray[np.float64]) -> None:
+    def _forget(self, config: ImitatorConfig, budget: int) -> None:
         """Keep the keyframes of the last demonstration, and of all no more than the budget."""
-        budget, shown = config.budget, self.memory.shown()
-        assert budget is not None
+        shown, before = self.memory.shown(), self.memory.whole()
         first = shown.first[-2].item()
         columns = {"percept": shown.percepts, "change": shown.changes, "target": shown.targets}
         frames, important = keyframes(
@@ -155,7 +153,7 @@ class Draft:
         last = {name: fitted(column[first:], own) for name, column in columns.items()}
         self.memory.select(np.isin(np.arange(len(shown.percepts)), kept), last)
         if self.frames is not None:
-            self.frames.cut_again(self.memory.whole(), unit)
+            self.frames.cut_again(before, self.memory.whole())
         self.renumbered = True
 
     def replace(self) -> None:

@@ -7,7 +7,6 @@ current is a matter of the percept and of the position in the sequence
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pacnet.core.drafts import BufferVersions, adopt, snapshot_of
-from pacnet.core.growable_rows import Column, GrowableRows
+from pacnet.core.growable_rows import Column, GrowableRows, as_array
 from pacnet.core.integrity import (
     are_bounded,
     check_conditions,
@@ -28,6 +27,7 @@ from pacnet.core.integrity import (
 from pacnet.schemas.interpolation import durations, interpolated, played
 
 _LEAF = 32  # frames in a box
+_MOST_FRAMES = 2**24  # of a demonstration: 4 days at 50 frames per second
 _INTEGER = Column((), torch.int64)
 
 
@@ -163,8 +163,8 @@ class DemonstrationMemory(nn.Module):
     @staticmethod
     def frames_of(tensors: Mapping[str, Tensor]) -> NDArray[np.int64]:
         """Return how many frames `whole` has of each demonstration in a checked state, `[E]`."""
-        percepts, frame = tensors["rows.percept"].numpy(), tensors["rows.time"].numpy()
-        rows = tensors["demonstrations.rows"].numpy()
+        names = "rows.percept", "rows.time", "demonstrations.rows"
+        percepts, frame, rows = (as_array(tensors[name]) for name in names)
         return played(durations(percepts, frame, rows), rows)
 
     def snapshot(self) -> DemonstrationMemory:
@@ -175,8 +175,10 @@ class DemonstrationMemory(nn.Module):
 
     def fork(self) -> DemonstrationMemory:
         """Return a memory that shares what is kept; what either learns is not the other's."""
-        shown, other = self.shown(), copy.copy(self)
-        other._modules = {"rows": self.rows.fork(), "demonstrations": self.demonstrations.fork()}
+        widths = (self.rows.columns[name].shape[0] for name in ("percept", "target"))
+        shown, other = self.shown(), DemonstrationMemory(*widths)
+        other.rows, other.demonstrations = self.rows.fork(), self.demonstrations.fork()
+        other.train(self.training)
         other._keep(shown)
         return other
 
@@ -223,6 +225,7 @@ class DemonstrationMemory(nn.Module):
                 "bounded percepts": are_bounded(tensors["rows.percept"]),
                 "bounded changes": are_bounded(tensors["rows.change"]),
                 "finite targets": tensors["rows.target"].isfinite().all(),
+                f"at most {_MOST_FRAMES} frames": (frames <= _MOST_FRAMES).all(),
                 "frames of their demonstrations": within(time, ends),
                 "frames in order of time": bool(((time.diff() > 0) | begins[1:]).all()),
                 "tasks ≥ 0": (tensors["demonstrations.task"] >= 0).all(),

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 _SLOWEST = 0.1  # of the usual speed, at which a stretch is passed at least
+_TIE = 1e-6  # relative; numbers this near are equal, as sums differ a little between machines
 
 
 def durations(percepts: NDArray[np.floating], frame: Numbers, rows: Numbers) -> Numbers:
@@ -45,10 +46,11 @@ def _of_one(percepts: Array, frame: Numbers) -> Numbers:
     speed = way / shown
     order = np.argsort(speed, kind="stable")
     passed = way[order].cumsum()  # half of the way is passed at the usual speed or more
-    usual = speed[order][np.searchsorted(passed, passed[-1] / 2)]
+    usual = speed[order][np.searchsorted(passed, (1 - _TIE) * passed[-1] / 2)]
     if usual == 0:  # nothing ever changed
         return np.ones_like(shown)
-    return np.minimum(shown, np.maximum(1, np.ceil(way / (_SLOWEST * usual))).astype(np.int64))
+    least = np.ceil((1 - _TIE) * way / (_SLOWEST * usual))
+    return np.minimum(shown, np.maximum(1, least).astype(np.int64))
 
 
 def interpolated(shown: Shown) -> Shown:
@@ -78,7 +80,7 @@ def interpolated(shown: Shown) -> Shown:
         changes=between(shown.changes),
         targets=between(shown.targets),
         time=np.arange(first[-1]) - np.repeat(first[:-1], frames),
-        frame=np.floor(frame + 1e-6).astype(np.int64),
+        frame=np.floor(frame + _TIE).astype(np.int64),
         first=first,
         frames=frames,
     )

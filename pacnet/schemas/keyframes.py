@@ -68,7 +68,7 @@ def most_important(important: Array, most: int) -> Numbers:
 def fitted(values: NDArray[np.floating], kept: Numbers) -> NDArray[np.float32]:
     """Return the values at keyframes from which all others are interpolated best, `[K, A]`.
 
-    In the sense of least squares, which averages noise out.
+    In the sense of least squares, which averages noise out; none is beyond what was shown.
 
     Args:
         values: at each frame, `[T, A]`.
@@ -80,4 +80,4 @@ def fitted(values: NDArray[np.floating], kept: Numbers) -> NDArray[np.float32]:
         return values[kept].astype(np.float32)
     out = np.zeros((len(kept), values.shape[1]))
     fit_lines(np.ascontiguousarray(values, np.float64), kept, out)
-    return out.astype(np.float32)
+    return out.clip(values.min(axis=0), values.max(axis=0)).astype(np.float32)

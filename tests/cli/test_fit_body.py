@@ -53,6 +53,16 @@ def test_what_is_learned_is_printed_and_the_same_as_in_python(
     assert_equal(Imitator.from_pretrained(out), python)
 
 
+def test_a_body_is_used_within_a_budget(lifting: Path, body: Path, tmp_path: Path, capsys: Capture):
+    assert run("fit", lifting, "--out", tmp_path, "--body", body, "--budget", 30) == 0
+    printed = capsys.readouterr().out
+    assert value_of("points", printed) == "hand (of the body), cup, cup's place"
+    assert value_of("segments", printed) == "cup, world, cup's place, world"
+    saved = Imitator.from_pretrained(tmp_path)
+    assert 0 < len(saved.memory.rows) <= 30
+    assert value_of("targets", printed) == f"{len(saved.memory.rows)} actions of 144 shown"
+
+
 def test_landmarks_are_found_by_their_names(
     lifting: Path, body: Path, lifter: Path, tmp_path: Path, capsys: Capture
 ):
@@ -137,7 +147,6 @@ def test_it_is_continued_with_its_own_body(
     [
         (("--points", "none"), "argument --body: not with --points none, it needs a landmark"),
         (("--targets", "state"), "argument --body: not with --targets state"),
-        (("--budget", "100"), "argument --body: not with --budget"),
     ],
 )
 def test_usage_is_checked(

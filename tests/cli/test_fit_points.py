@@ -83,6 +83,20 @@ def test_points_that_are_given_are_used(
     assert value_of("points", capsys.readouterr().out) == "tip (moved), box"
 
 
+def test_points_are_used_within_a_budget(
+    pushing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert run("fit", pushing, "--out", tmp_path / "out", "--budget", 30) == 0
+    printed = capsys.readouterr().out
+    assert value_of("points", printed) == "hand (moved), box, goal"
+    saved = Imitator.from_pretrained(tmp_path / "out")
+    assert saved.config.points == FOUND
+    assert 0 < len(saved.memory.rows) <= 30
+    assert value_of("targets", printed) == f"{len(saved.memory.rows)} actions of 120 shown"
+    assert run("info", tmp_path / "out") == 0
+    assert value_of("budget", capsys.readouterr().out) == "30 targets at most"
+
+
 def test_points_can_be_switched_off(
     pushing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

@@ -95,7 +95,7 @@ def test_info_names_the_actions_that_are_position_targets(
         "elbow, hand (of wrist), 3 frames (0.15 s) ahead of the state"
     )
     assert value_of("targets", out) == "50 of 120 shown, actions of 3 dimensions"
-    assert value_of("budget", out) == "50 targets"
+    assert value_of("budget", out) == "50 targets at most"
     assert run("info", tmp_path / "out", "--json") == 0
     document = json.loads(capsys.readouterr().out)
     assert document["positions"] == {"elbow": "elbow", "hand": "wrist"}

@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 import tracemalloc
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -173,3 +174,13 @@ def test_a_demonstration_of_which_nothing_is_kept_keeps_its_place(trained: Imita
     assert memory.demonstrations.live("rows").tolist() == [300, 0, 300, 0]
     memory.select(np.arange(600) % 3 == 0)
     assert memory.demonstrations.live("rows").tolist() == [100, 0, 100, 0]
+
+
+def test_what_is_loaded_into_a_fork_stays_out_of_what_it_is_a_fork_of(trained: Imitator):
+    expected, other = deepcopy(trained), trained.fork()
+    more = trained.fork()
+    more.learn(shown(reach(7)))
+    other.load_state_dict(more.state_dict())
+    assert_same(trained, expected)
+    assert_same(other, more)
+    assert_same(trained.fork(), expected)

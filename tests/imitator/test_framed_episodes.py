@@ -260,7 +260,7 @@ def instead(*numbers: int) -> Callable[[Tensor], Tensor]:
         (
             {"memory.demonstrations.rows": lambda rows: rows - 1}
             | all_but_one("memory.rows.", "percept", "change", "target", "time"),
-            "all rows of demonstrations",
+            "segments of whole demonstrations",
         ),
     ],
 )

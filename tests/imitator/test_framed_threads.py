@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
+import pytest
 from picking import World, demonstrate, scene, shown, somewhere, taught
 
 from pacnet.datasets.demonstrations import Demonstration
@@ -40,9 +42,11 @@ def study(
         errors.append(error)
 
 
-def test_it_acts_on_what_it_knew_before_a_demonstration_or_after_it():
+@pytest.mark.parametrize("budget", [None, 60])
+def test_it_acts_on_what_it_knew_before_a_demonstration_or_after_it(budget: int | None):
     first, *later = [demonstrate(somewhere(PLAIN, seed), seed) for seed in range(LESSONS)]
-    reference = taught(PLAIN, first)
+    reference = Imitator(replace(taught(PLAIN, first).config, budget=budget))
+    reference.learn(shown(PLAIN, first))
     known = [answer(reference)]
     for one in later:
         reference.learn(shown(PLAIN, one))

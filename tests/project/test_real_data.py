@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks import real_data, results_page
+from benchmarks import real_budget, real_data, results_page
 from pacnet import Imitator, Recorder, load_demonstrations
+from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.evaluation import Split, score, splits
 
 FRAMES = 60
@@ -71,8 +72,28 @@ def test_one_demonstration_is_the_first_of_the_training_data(
     assert tables[1].rows[0] == ("waves", f"{scores.acted:.1%}", f"{scores.error:.3f}", ratio)
 
 
+def test_as_many_frames_are_kept_in_each_way(folders: list[str], tables: list[real_data.Table]):
+    """Two of three episodes are learned in each of three splits: 120 frames, 6 by the budget."""
+    row = dict(zip(tables[2].columns, tables[2].rows[0], strict=True))
+    assert (row["dataset"], row["frames learned"], row["kept"]) == ("waves", "360", "18")
+    parted = splits(load_demonstrations(folders[0]))
+    assert row["all"] == tables[0].rows[0][tables[0].columns.index("error")]
+    assert row["1-NN, all frames"] == f"{score(parted).baselines['1-NN']:.3f}"
+
+    def kept(training: Demonstrations) -> Imitator:
+        imitator = Imitator.from_demonstrations(training, budget=6)
+        imitator.learn(training)
+        return imitator
+
+    assert row["keyframes"] == f"{score(parted, kept).error:.3f}"
+    # Of 120 rows six at distances of 119 / 5.
+    evenly = real_budget._choose(120, 6, None)
+    assert np.flatnonzero(evenly).tolist() == [0, 24, 48, 71, 95, 119]
+    assert real_budget._choose(120, 6, 40).sum() == 6
+
+
 def test_only_datasets_of_the_same_width_are_new_to_one_another(tables: list[real_data.Table]):
-    rows = {name: cells for name, *cells in tables[2].rows}
+    rows = {name: cells for name, *cells in tables[3].rows}
     assert rows["waves"][0] == "2"  # one of three never moves
     assert [rows[name][3] for name in ("waves", "far", "wider")] == ["100.0%", "100.0%", "–"]
     assert float(rows["waves"][2].rstrip("%")) > 20 > float(rows["waves"][1].rstrip("%"))
@@ -133,7 +154,7 @@ def test_the_command_prints_and_writes(
     monkeypatch.setattr("sys.argv", ["real_data", folders[2]])
     real_data.main()
     printed = capsys.readouterr().out
-    assert printed.count("| wider ") == 3
+    assert printed.count("| wider ") == 4
     assert not results_page.PAGE.exists()
     monkeypatch.setattr("sys.argv", ["real_data", folders[2], "--write"])
     real_data.main()

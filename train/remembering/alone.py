@@ -16,7 +16,7 @@ from train.postural.alone.scenes import Scene
 from train.postural.behaviours.episodes import TASKS
 from train.postural.episodes import Condition, make_environment, recall_seeds
 from train.remembering.rules import RULES, Choice
-from train.remembering.streams import Stream, show
+from train.remembering.streams import Stream, numbers_of, show
 
 OURS, ALL = "keyframes (budget=)", "all frames"
 ROWS = (OURS, *RULES, ALL)
@@ -69,20 +69,19 @@ def _with_frames_of(
 
     A demonstration of which a single frame is kept shows nothing, and goes.
     """
-    percepts = [one.percepts.numpy() for one in shown]
-    of = np.repeat(np.arange(len(percepts)), [len(rows) for rows in percepts])
-    scaled = np.concatenate(percepts).astype(np.float64) * whole.config.scaling.array
-    chosen = RULES[row](Choice(scaled, of, budget, seed))
+    percepts = np.concatenate([one.percepts.numpy() for one in shown])
+    of, task = numbers_of(shown)
+    scaled = percepts.astype(np.float64) * whole.config.scaling.array
     kept = np.zeros(len(of), bool)
-    kept[chosen] = True
-    kept &= np.isin(of, np.flatnonzero(np.bincount(of[kept], minlength=len(percepts)) >= _FEWEST))
+    kept[RULES[row](Choice(scaled, of, task, budget, seed))] = True
+    kept &= np.isin(of, np.flatnonzero(np.bincount(of[kept], minlength=len(shown)) >= _FEWEST))
     return _keep(whole, kept) if kept.any() else None
 
 
 def _keep(whole: Imitator, kept: NDArray[np.bool_]) -> Imitator:
     imitator = whole.fork()
     assert imitator.frames is not None
+    before = imitator.memory.whole()
     imitator.memory.select(kept)
-    unit = 1 / np.array(imitator.config.scaling.scale)
-    imitator.frames.cut_again(imitator.memory.whole(), unit)
+    imitator.frames.cut_again(before, imitator.memory.whole())
     return imitator

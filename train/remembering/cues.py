@@ -14,7 +14,7 @@ from train.postural.learning import SCALE, attention_config
 from train.remembering.alone import ALL, OURS
 from train.remembering.clusters import batch_means, online_means
 from train.remembering.rules import RULES, Choice
-from train.remembering.streams import Stream, show
+from train.remembering.streams import Stream, numbers_of, show
 
 PACNET = "PACNet (budget=)"
 _MEANS: dict[str, Callable[[Choice], NDArray[np.float64]]] = {
@@ -39,11 +39,12 @@ def score_cues(stream: Stream, budgets: Sequence[int], seed: int) -> dict[str, f
     """
     shown = show(stream, seed)
     unseen = show(Stream((stream.wanted,) * _HELD_OUT), seed + _OTHERS)
-    cues, targets, of = _rows(shown)
-    asked, wanted, _ = _rows(unseen)
+    cues, targets = _rows(shown)
+    asked, wanted = _rows(unseen)
     scores = {}
     for budget in budgets:
-        kept = {row: _kept(row, cues, targets, of, budget, seed) for row in RULES}
+        choice = Choice(cues, *numbers_of(shown), budget, seed)
+        kept = {row: _kept(row, choice, targets) for row in RULES}
         found = {row: _nearest(*pair, asked) for row, pair in kept.items()}
         found[OURS] = _nearest(*_interpolated(shown, budget), asked)
         found[PACNET] = _recalled(shown, unseen, budget)
@@ -54,18 +55,16 @@ def score_cues(stream: Stream, budgets: Sequence[int], seed: int) -> dict[str, f
     return scores
 
 
-def _rows(shown: Demonstrations) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Return all scaled percepts `[N, 28]`, targets `[N, 11]` and numbers of demonstrations."""
+def _rows(shown: Demonstrations) -> tuple[Array, Array]:
+    """Return all scaled percepts `[N, 28]` and targets `[N, 11]`."""
     percepts = torch.cat([one.percepts for one in shown]).double().numpy() * np.array(SCALE)
     targets = torch.cat([one.action for one in shown]).double().numpy()
-    return percepts, targets, np.repeat(np.arange(len(shown)), [len(one.action) for one in shown])
+    return percepts, targets
 
 
-def _kept(
-    row: str, cues: Array, targets: Array, of: NDArray[np.int64], budget: int, seed: int
-) -> tuple[Array, Array]:
+def _kept(row: str, choice: Choice, targets: Array) -> tuple[Array, Array]:
     """Return the cues and targets that a rule keeps; k-means keeps means of both."""
-    choice = Choice(cues, of, budget, seed)
+    cues = choice.percepts
     if row not in _MEANS:
         kept = RULES[row](choice)
         return cues[kept], targets[kept]

@@ -15,6 +15,7 @@ from train.remembering.cues import score_cues
 from train.remembering.streams import NOISY, PLAIN, RARE, RESTS, STREAMS
 
 ALONE, CUES, WALLS = "alone", "cues", "walls"
+EXPERIMENTS = (ALONE, CUES, WALLS)
 BUDGET = 40  # targets of a drink, at which all are compared
 BUDGETS = (10, 20, BUDGET, 80, 200, 500)
 CURVE = (20, BUDGET, 100)  # of those who act alone
@@ -25,32 +26,39 @@ Scores = dict[str, dict[str, float]]  # experiment -> "stream | budget | row" ->
 def budgets_alone(stream: str, episodes: int) -> dict[int, int]:
     """Return budget -> number of episodes in which somebody acts alone.
 
-    All of them are played after rests, at `BUDGET`; elsewhere a fifth.
+    All of them are played after rests, at `BUDGET`; elsewhere a tenth.
     """
-    few = -(-episodes // 5)
+    few = -(-episodes // 10)
     if stream not in (PLAIN, RESTS):
         return {BUDGET: few}
     return dict.fromkeys(CURVE, few) | ({BUDGET: episodes} if stream == RESTS else {})
 
 
-def run_replicates(seeds: Sequence[int], episodes: int, body: KinematicModel) -> Iterator[Scores]:
+def run_replicates(
+    seeds: Sequence[int],
+    episodes: int,
+    body: KinematicModel,
+    experiments: Sequence[str] = EXPERIMENTS,
+) -> Iterator[Scores]:
     """Yield the scores of each replicate in the order of their seeds, run on all cores.
 
     Args:
         seeds: One for each replicate.
         episodes: At the budget and after the rests at which all are compared.
         body: Model of the body of those who act alone.
+        experiments: Some of EXPERIMENTS.
     """
     with processes() as pool, tqdm(unit="part", desc="remembering") as progress:
         replicates = []
         for seed in seeds:
-            parts = [(name, pool.submit(job)) for name, job in _jobs(seed, episodes, body)]
+            jobs = _jobs(seed, episodes, body)
+            parts = [(name, pool.submit(job)) for name, job in jobs if name[0] in experiments]
             for _, part in parts:
                 part.add_done_callback(lambda _: progress.update())
             replicates.append(parts)
         progress.total = sum(map(len, replicates))
         for parts in replicates:
-            scores: Scores = {ALONE: {}, CUES: {}, WALLS: {}}
+            scores: Scores = {name: {} for name in experiments}
             for (experiment, stream), part in parts:
                 values = part.result()
                 scores[experiment] |= {f"{stream} | {name}": v for name, v in values.items()}

@@ -21,15 +21,17 @@ Scores = Mapping[str, Mapping[str, Summary]]
 
 
 def print_tables(scores: Scores) -> None:
-    """Print success, errors and wall following of each rule."""
+    """Print success, errors and wall following of each rule, as far as they were measured."""
     columns = [(stream, BUDGET) for stream in STREAMS]
-    print(f"\nalone, {BUDGET} targets kept: success")
-    _print(scores[ALONE], ALONE_ROWS, columns, 2)
-    print(f"\nfrom watching, {BUDGET} targets kept: error of the nearest cue's target [deg]")
-    _print(scores[CUES], CUES_ROWS, columns, 2)
-    print("\nthe same after rests, by the number of targets")
-    _print(scores[CUES], CUES_ROWS, [(RESTS, budget) for budget in BUDGETS], 2)
-    for score in walls.SCORES:
+    if ALONE in scores:
+        print(f"\nalone, {BUDGET} targets kept: success")
+        _print(scores[ALONE], ALONE_ROWS, columns, 2)
+    if CUES in scores:
+        print(f"\nfrom watching, {BUDGET} targets kept: error of the nearest cue's target [deg]")
+        _print(scores[CUES], CUES_ROWS, columns, 2)
+        print("\nthe same after rests, by the number of targets")
+        _print(scores[CUES], CUES_ROWS, [(RESTS, budget) for budget in BUDGETS], 2)
+    for score in walls.SCORES if WALLS in scores else ():
         print(f"\nfollowing walls alone, {walls.BUDGET} targets kept: {score}")
         _print(scores[WALLS], walls.ROWS, [(stream, score) for stream in walls.STREAMS], 2)
 

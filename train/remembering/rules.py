@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from pacnet import HabituatingSOFM, SOFMConfig
@@ -18,6 +19,8 @@ Numbers = NDArray[np.int64]
 
 _TRIED = 12  # novelty thresholds, to fill the budget with nodes
 _AT_ONCE = 1e-9  # rate at which nodes that never move do
+_WINDOW = 25  # frames of which means are compared to tell whether anything moves
+_MOVES = 2.0  # of the distance that means differ by noise alone, from which something does
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +30,14 @@ class Choice:
     Attributes:
         percepts: Of all demonstrations, in order, scaled `[N, 28]`.
         of: Number of the demonstration that each is of `[N]`.
+        task: Number of the task that each shows `[N]`.
         budget: Number of frames that are kept, at most.
         seed: Of chance.
     """
 
     percepts: NDArray[np.float64]
     of: Numbers
+    task: Numbers
     budget: int
     seed: int
 
@@ -60,6 +65,32 @@ def evenly_of_last(choice: Choice) -> Numbers:
     return choice.last[_evenly(len(choice.last), choice.budget)]
 
 
+def moving_of_last(choice: Choice) -> Numbers:
+    """Return every n-th moving frame of the last demonstration of each task, as many of each."""
+    tasks, kept = np.unique(choice.task), []
+    for task in tasks:
+        own = np.flatnonzero(choice.of == choice.of[choice.task == task][-1])
+        moves = moving(choice.percepts[own])
+        frames = own[moves] if moves.any() else own
+        kept.append(frames[_evenly(len(frames), choice.budget // len(tasks))])
+    return np.sort(np.concatenate(kept))
+
+
+def moving(percepts: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return at which frames the mean of those to come differs from that of those before `[N]`.
+
+    Args:
+        percepts: Of one demonstration `[N, 28]`.
+    """
+    moves = np.zeros(len(percepts), bool)  # at the ends it is not known
+    if len(percepts) >= 2 * _WINDOW:
+        means = sliding_window_view(percepts, _WINDOW, axis=0).mean(axis=2)
+        apart = np.linalg.norm(means[_WINDOW:] - means[:-_WINDOW], axis=1)
+        noise = np.median(np.linalg.norm(np.diff(percepts, axis=0), axis=1)) / np.sqrt(_WINDOW)
+        moves[_WINDOW : _WINDOW + len(apart)] = apart > _MOVES * noise
+    return moves
+
+
 def at_random(choice: Choice) -> Numbers:
     """Return random frames, all equally likely: what a reservoir holds at the end of a stream."""
     return np.sort(choice.rng.permutation(len(choice.percepts))[: choice.budget])
@@ -83,13 +114,13 @@ def clusters_online(choice: Choice) -> Numbers:
 def habituated(choice: Choice) -> Numbers:
     """Return the frame at which each node of the paper's map won last while it was habituated."""
     seen = _grow(choice, winner_tau=WINNER_TAU)
-    return _last_of_each(seen.winner, seen.ignored & ~seen.novelty)
+    return _last_of_each(seen, seen.ignored & ~seen.novelty)
 
 
 def unhabituated(choice: Choice) -> Numbers:
     """Return the frame at which each node of a map won last that never habituates."""
     seen = _grow(choice, ignore_when_habituated=False)
-    return _last_of_each(seen.winner, ~seen.novelty | seen.inserted)
+    return _last_of_each(seen, ~seen.novelty | seen.inserted)
 
 
 def novel(choice: Choice) -> Numbers:
@@ -106,6 +137,7 @@ RULES: dict[str, Rule] = {
     "random, last demonstration": random_of_last,
     "every n-th frame": evenly,
     "every n-th, last demonstration": evenly_of_last,
+    "every n-th moving, last of each": moving_of_last,
     "k-means": clusters,
     "k-means, online": clusters_online,
 }
@@ -134,8 +166,10 @@ def _grow(choice: Choice, **fields: float | bool) -> Observation:
     return best
 
 
-def _last_of_each(winner: torch.Tensor, counts: torch.Tensor) -> Numbers:
-    """Return the last sample that counts at each node."""
+def _last_of_each(seen: Observation, counts: torch.Tensor) -> Numbers:
+    """Return the last sample that counts at each node, which it won or which made it."""
+    made = seen.inserted.cumsum(0) - 1  # no node was deleted, so they are numbered in order
+    node = torch.where(seen.inserted, made, seen.winner)
     samples = counts.nonzero().flatten()
-    last = dict(zip(winner[samples].tolist(), samples.tolist(), strict=True))
+    last = dict(zip(node[samples].tolist(), samples.tolist(), strict=True))
     return np.sort(np.array([*last.values()], np.int64))

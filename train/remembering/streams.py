@@ -99,6 +99,11 @@ def _demonstration(number: int, task: str, percepts: NDArray[np.float32]) -> Dem
     return Demonstration(number, task, state.contiguous(), glass.contiguous(), action)
 
 
-def percepts_of(shown: Sequence[Demonstration]) -> list[NDArray[np.float32]]:
-    """Return the percepts of each demonstration `[T, 28]`."""
-    return [one.percepts.numpy() for one in shown]
+def numbers_of(
+    shown: Sequence[Demonstration] | Demonstrations,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of the demonstration and of the task that each frame is of `[N]`."""
+    names = list(dict.fromkeys(one.task for one in shown))
+    frames = [len(one.state) for one in shown]
+    tasks = [names.index(one.task) for one in shown]
+    return np.repeat(np.arange(len(frames)), frames), np.repeat(tasks, frames)

@@ -20,11 +20,13 @@ PLAIN, RESTS = "no rests", "rests of a minute"
 STREAMS = (PLAIN, RESTS)
 SCORES = ("wf", "tight")
 BUDGET = 30  # targets
-FEW, MANY = 8, 50  # nearest cues whose targets are averaged: of a few targets, and of all
+ONE, FEW, MANY = 1, 8, 50  # nearest cues whose targets are averaged
 STEPS = 2500  # of a run alone
 
 PACNET, ALL = "PACNet (budget=)", f"{MANY}-NN over all frames"
-ROWS = (PACNET, *RULES, ALL)
+RESERVOIR = "random frames (a reservoir)"
+RESERVOIR_ONE = f"{RESERVOIR}, {ONE}-NN"
+ROWS = (PACNET, *RULES, RESERVOIR_ONE, ALL)  # k-NN over FEW of what rules keep, but for one row
 
 
 def score(stream: str, seed: int) -> dict[str, float]:
@@ -39,14 +41,20 @@ def score(stream: str, seed: int) -> dict[str, float]:
     if stream == RESTS:
         episodes = follow_both_sides("paper", seed, rests=True)
     cues, targets = frames(episodes)
-    of = np.repeat(np.arange(len(episodes)), [len(one.percepts) for one in episodes])
+    steps = [len(one.percepts) for one in episodes]
+    of, side = (
+        np.repeat(one, steps) for one in (range(len(steps)), [one.side for one in episodes])
+    )
     model = learned.network.forward_model
     assert isinstance(model, MLPForwardModel)
     network = _within_budget(model, episodes)
     drivers: dict[str, Driver] = {PACNET: Recalling(network, seed)}
     for row, rule in RULES.items():
-        kept = rule(Choice(cues.double().numpy(), of, BUDGET, seed))
-        drivers[row] = NearestTargets(cues[kept], targets[kept], FEW, model, seed)
+        kept = rule(Choice(cues.double().numpy(), of, side, BUDGET, seed))
+        count = min(FEW, len(kept))
+        drivers[row] = NearestTargets(cues[kept], targets[kept], count, model, seed)
+        if row == RESERVOIR:
+            drivers[RESERVOIR_ONE] = NearestTargets(cues[kept], targets[kept], ONE, model, seed)
     drivers[ALL] = NearestTargets(cues, targets, MANY, model, seed)
     scores = {}
     for row, driver in drivers.items():
@@ -56,9 +64,9 @@ def score(stream: str, seed: int) -> dict[str, float]:
 
 
 def _within_budget(model: MLPForwardModel, episodes: Sequence[Episode]) -> PACNet:
-    """Return PACNet taught within the budget, which averages over as many cues as the others."""
+    """Return PACNet taught within the budget; its targets are means already."""
     unbounded = make_network(model).config
-    schemas = replace(unbounded.schemas, budget=BUDGET, nearest_cues=FEW)
+    schemas = replace(unbounded.schemas, budget=BUDGET, nearest_cues=ONE)
     network = PACNet(PACNetConfig(unbounded.attention, schemas), model)
     teach(network, episodes, leave_bar=False)
     return network
