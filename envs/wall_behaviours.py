@@ -29,7 +29,7 @@ DRIVING, RESTING = 106, 600  # [steps] of a teacher that rests, in turn
 
 GAP = 0.13  # [m] along the trail between the teacher and its follower
 WALL_DISTANCE = 0.026  # [m] from the rim, at which a wall follower stays
-_LOOK_AHEAD = 0.03  # [m] along the trail
+_LOOK_AHEAD = 0.02  # [m] along the trail
 _CRUMB = 0.004  # [m] between two points of the trail
 
 AVOID_FRONT, AVOID_DIAGONAL = 0.5, 0.8  # readings above which a wanderer turns away

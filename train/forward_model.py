@@ -30,12 +30,11 @@ from train.common.runs import (
     write_metrics,
 )
 from train.walls.episodes import Transitions, testing_seed, wander
+from train.walls.forward_model import fit, make_forward_model
 from train.walls.forward_model_figures import calibration, fit_curves
 from train.walls.learning import (
     TRANSITIONS,
-    fit,
     load_wandering,
-    make_forward_model,
     record_wandering,
 )
 

@@ -33,17 +33,15 @@ from train.common.summary import summarise
 from train.walls.conditions import STEPS, Scores, replicates, run_conditions
 from train.walls.drivers import Recalling
 from train.walls.episodes import Place, act_alone, alone_seed
+from train.walls.forward_model import fit, make_forward_model, walks_of
 from train.walls.learning import (
     TRANSITIONS,
-    fit,
     load_episodes,
     load_wandering,
-    make_forward_model,
     make_network,
     record_following,
     record_wandering,
     teach,
-    walks_of,
 )
 from train.walls.report import draw, draw_conditions, film, print_conditions, print_typical
 from train.walls.scores import cluster_agreement, name_clusters, score_run

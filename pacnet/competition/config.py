@@ -21,6 +21,8 @@ from pacnet.schemas.memory import EpisodicMemoryConfig
 class CompetingSchemasConfig(EpisodicMemoryConfig):
     """How schemas are distinguished and consolidated (`EpisodicMemoryConfig`), and recalled.
 
+    They have no budget of targets, as `MotorSchemasConfig` has: `schemas_per_node` bounds them.
+
     Attributes:
         nearest_cues: number of nearest cues whose targets are averaged.
         threshold: confidence under which a schema does not compete; see `Competition`.

@@ -138,12 +138,24 @@ class GrowableRows(nn.Module):
         """
         self.check()
         with torch.inference_mode(False):  # a caller's would make them unchangeable later
-            kept = {name: self.live(name)[rows] for name in self.columns}
-            self._memory = {
-                name: values.T.contiguous().T if self.columns[name].transposed else values
-                for name, values in kept.items()
-            }
-            self.set_length(len(rows))
+            self._take({name: self.live(name)[rows] for name in self.columns})
+
+    def replace(self, rows: Mapping[str, Tensor]) -> None:
+        """Replace all rows by copies of others, `[K, *shape]` for each column.
+
+        They are in other memory, so a thread that reads the old rows sees them unchanged.
+        """
+        self.check()
+        with torch.inference_mode(False):
+            self._take({name: rows[name].to(self.live(name), copy=True) for name in self.columns})
+
+    def _take(self, rows: Mapping[str, Tensor]) -> None:
+        """Take tensors of this module's own as its rows."""
+        self._memory = {
+            name: values.T.contiguous().T if self.columns[name].transposed else values
+            for name, values in rows.items()
+        }
+        self.set_length(len(next(iter(rows.values()))))
 
     def swap_remove(self, rows: Tensor) -> None:
         """Delete rows, int64 `[K]` ascending, without keeping the order of the others.

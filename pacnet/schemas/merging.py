@@ -1,69 +1,107 @@
 """A bounded memory of targets: the two that are most alike become one.
 
 The map decides how the memory is shared out. Each node stands for a kind of situation, and the one
-with the most targets has to make room. Of its targets those two become one, their mean, whose cues
-are nearest to each other: what is shown again and again takes no more room, and noise averages out.
+with the most targets has to make room; of equal ones, the first. A target that will be replaced
+anyway, because its node was forgotten, goes first. Else those two targets of the node become one,
+their mean, whose cues are nearest to each other: what is shown again and again takes no more room,
+and noise averages out. Where no node has two targets, that node loses its own which has been
+habituated for the longest time.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from pacnet.core.growable_rows import Column
+from pacnet.core.growable_rows import Column, as_array
+from pacnet.core.integrity import Checks, Tensors, within
 from pacnet.schemas.forgetting import FORGOTTEN, HABITUATED_AT
-from pacnet.schemas.sequences import Sequences
+from pacnet.schemas.interface import Samples
+from pacnet.schemas.sequences import Sequences, compact
 
 COUNT = "count"
 """Column of a target: number of targets shown that it is the mean of."""
 COUNTS = {COUNT: Column((), torch.int64)}
+_COUNTED = 2**53  # `merging_kernels.MOST_SHOWN`, which is not imported here because numba is slow
+_OF_NODE = ("length", "episode", HABITUATED_AT, FORGOTTEN)
 
 
-def make_room(schemas: Sequences, added: int) -> None:
-    """Make one target fewer, of the node that has the most; of equal ones the first.
+def add_within_budget(schemas: Sequences, samples: Samples, episode: int, budget: int) -> None:
+    """Add samples of habituated nodes, in order of time; after each there are at most so many.
 
-    A target that will be replaced anyway goes first. Where no node has two targets, the one goes
-    that was stored for the longest time.
+    Rows move to other memory, so a thread that reads the old ones sees them unchanged.
 
     Args:
         schemas: one sequence for each node, with the column `COUNT` of each target.
-        added: node to which a target has just been added.
+        samples: checked, all habituated.
+        episode: number of the learning episode.
+        budget: number of targets, ≥ 1.
+
+    Raises:
+        ValueError: a node that does not exist; nothing has changed then.
     """
-    node = int(schemas.lengths.argmax())
-    if int(schemas.lengths[node]) < 2:
-        _forget_one(schemas, added)
-    elif int(schemas.blocks.live(FORGOTTEN)[node]) > 0:
-        schemas.blocks.live(FORGOTTEN)[node] -= 1
-        schemas.drop_first(*schemas.lengths.new_tensor([[node], [1]]))
-    else:
-        _merge_most_alike(schemas, node)
+    if not within(samples.node, len(schemas.blocks)):
+        raise ValueError(f"expected nodes below {len(schemas.blocks)}, got {samples.node}")
+    whole = schemas.pool.live("cue").dtype in (torch.float32, torch.float64)
+    # In half precision a mean is rounded when it is stored, which is after each sample.
+    at_once = len(samples.node) if whole else 1
+    for part in zip(*(column.split(at_once) for column in samples), strict=True):
+        _add(schemas, Samples(*part), episode, budget)
 
 
-def _forget_one(schemas: Sequences, added: int) -> None:
-    since = schemas.blocks.live(HABITUATED_AT).clone()
-    since[(schemas.lengths == 0) | (torch.arange(len(since), device=since.device) == added)] = 2**62
-    gone = since.argmin() if bool((since < 2**62).any()) else schemas.lengths.argmax()
-    schemas.lengths[gone] = 0
+def _add(schemas: Sequences, samples: Samples, episode: int, budget: int) -> None:
+    from pacnet.schemas import merging_kernels  # imports numba
+
+    compact(schemas)
+    values = _values(schemas, samples)
+    state = {name: as_array(schemas.blocks.live(name)).copy() for name in _OF_NODE}
+    links = (np.empty(len(values[COUNT]), kind) for kind in (np.int64, np.int64, np.float64))
+    rows = merging_kernels.Rows(values["cue"], values["target"], values[COUNT], *links)
+    ends = (np.zeros(len(schemas.blocks), np.int64) for _ in range(3))
+    nodes = merging_kernels.Nodes(*state.values(), *ends)
+    node, since = as_array(samples.node), as_array(samples.habituated_at)
+    budget = min(budget, len(rows.count))  # which may be more than int64 holds
+    single = schemas.pool.live("cue").dtype != torch.float64
+    left = merging_kernels.add_within_budget(node, since, episode, budget, single, rows, nodes)
+    schemas.pool.replace({name: torch.from_numpy(column[left]) for name, column in values.items()})
+    _set_blocks(schemas, {name: torch.from_numpy(column) for name, column in state.items()})
 
 
-def _merge_most_alike(schemas: Sequences, node: int) -> None:
-    """Let the earlier of two targets be the mean of both, and close the gap that is left."""
-    first, second = _most_alike(schemas.cues(node).double())
-    counts = schemas.rows_in(COUNT, node)
-    both = counts[first] + counts[second]
-    share = (counts[second] / both).to(torch.float64)
-    for column in ("cue", "target"):
-        rows = schemas.rows_in(column, node)
-        rows[first] += (share * (rows[second].double() - rows[first].double())).to(rows)
-    counts[first] = both
-    for column in schemas.pool.columns:
-        rows = schemas.rows_in(column, node)
-        rows[second:-1] = rows[second + 1 :].clone()
-    schemas.lengths[node] -= 1
+def _values(schemas: Sequences, samples: Samples) -> dict[str, NDArray[Any]]:
+    """Return copies of the stored rows, and the new ones after them."""
+    new = {"target": samples.target, "cue": samples.cue, COUNT: torch.ones_like(samples.node)}
+    stored = {name: schemas.pool.live(name) for name in new}
+    rows = {name: torch.cat([stored[name], new[name]]) for name in new}
+    return {
+        name: as_array(column.double() if column.is_floating_point() else column)
+        for name, column in rows.items()
+    }
 
 
-def _most_alike(cues: Tensor) -> tuple[int, int]:
-    """Return the two cues `[L ≥ 2, D]` that are nearest to each other; of equal ones the first."""
-    pairs = torch.triu_indices(len(cues), len(cues), offset=1, device=cues.device)
-    nearest = int(torch.nn.functional.pdist(cues).argmin())
-    return int(pairs[0, nearest]), int(pairs[1, nearest])
+def _set_blocks(schemas: Sequences, state: dict[str, Tensor]) -> None:
+    """Lay the sequences end to end."""
+    length = state["length"]
+    block = {"start": length.cumsum(0) - length, "capacity": length}
+    schemas.blocks.replace({**state, **block})
+
+
+def budget_holds(tensors: Tensors, budget: int) -> Checks:
+    """Return the conditions on a saved state of schemas with a budget."""
+    count = tensors[f"pool.{COUNT}"]
+    return {
+        f"{budget} targets at most": len(count) <= budget,
+        f"counts from 1 to {_COUNTED}": ((count >= 1) & (count <= _COUNTED)).all(),
+    }
+
+
+def check_counted(tensors: Tensors, budget: int | None) -> None:
+    """Raise a ValueError unless a state has counts if, and only if, there is a budget."""
+    is_counted, name = f"pool.{COUNT}" in tensors, [f"pool.{COUNT}"]
+    if budget is None and is_counted:
+        raise ValueError(f"expected the tensors of no budget, got none missing, {name} extra")
+    if budget is not None and not is_counted:
+        raise ValueError(f"expected the tensors of a budget, got {name} missing, none extra")

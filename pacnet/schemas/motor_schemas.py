@@ -34,7 +34,7 @@ from pacnet.schemas.forgetting import (
     load_without,
 )
 from pacnet.schemas.interface import NO_EPISODE, Samples, Schemas, Target
-from pacnet.schemas.merging import COUNT, COUNTS, make_room
+from pacnet.schemas.merging import COUNTS, add_within_budget, budget_holds, check_counted
 from pacnet.schemas.sequences import INTEGER
 from pacnet.schemas.state_checks import sequences_hold
 
@@ -103,14 +103,13 @@ class MotorSchemas(Schemas):
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are a valid state."""
+        check_counted(tensors, self.config.budget)
         check_structure(self, tensors)
         check_conditions(sequences_hold(tensors))
         check_conditions({"episodes ≥ −1": (tensors["blocks.episode"] >= NO_EPISODE).all()})
         check_conditions(forgetting_holds(part_of(tensors, "blocks.")))
         if self.config.budget is not None:
-            within = len(tensors["pool.target"]) <= self.config.budget
-            counted = (tensors[f"pool.{COUNT}"] >= 1).all()
-            check_conditions({"targets within the budget": within, "counts ≥ 1": counted})
+            check_conditions(budget_holds(tensors, self.config.budget))
 
     @staticmethod
     def extent(tensors: Mapping[str, Tensor]) -> tuple[int, int]:
@@ -178,18 +177,16 @@ class MotorSchemas(Schemas):
         """Do what `write` does, for checked samples; in eval mode, nothing."""
         # Rule 1: the winner is not fully habituated. Its schema stays as it is.
         written = (samples.habituated & self.training).nonzero().flatten()
+        if len(written) == 0:
+            return
         if self.config.budget is None:
             self._add(samples, written[samples.node[written].argsort(stable=True)], episode)
-            return
-        for sample in written:  # one after the other: what is merged depends on the order
-            self._add(samples, sample[None], episode)
-            if int(self.lengths.sum()) > self.config.budget:
-                make_room(self, int(samples.node[sample]))
+        else:
+            samples = Samples(*(column[written] for column in samples))
+            add_within_budget(self, samples, episode, self.config.budget)
 
     def _add(self, samples: Samples, written: Tensor, episode: int) -> None:
         """Apply rules 2 and 3 to samples of habituated nodes, equal nodes together."""
-        if len(written) == 0:
-            return
         node = samples.node[written]
         nodes, counts = node.unique_consecutive(return_counts=True)
         # Rule 3: a new learning episode. The sequence is cleared and starts with these targets.
@@ -199,8 +196,6 @@ class MotorSchemas(Schemas):
         # Rule 2: the same learning episode. The targets are appended, or replace forgotten ones.
         replaced = count_replaced(self.blocks, node, samples.habituated_at[written])
         rows = {"target": samples.target[written], "cue": samples.cue[written]}
-        if self.config.budget is not None:
-            rows[COUNT] = torch.ones_like(node)
         self.append_rows(nodes, counts, rows)
         if replaced:
             self.drop_first(*map(counts.new_tensor, (list(replaced), list(replaced.values()))))

@@ -242,6 +242,15 @@ def test_it_takes_the_leaders_way_around_a_corner_and_not_the_short_cut():
     assert pose[1] > 0.1  # it is around
 
 
+def test_a_follower_beside_a_trail_is_back_on_it_soon():
+    follower, pose = TrailFollower(np.zeros(2), np.array([GAP, 0.0])), np.array([0.0, 0.004, 0.0])
+    for step in range(1, 6):  # 6 mm each
+        pose = drive(follower, pose, np.array([GAP + 0.006 * step, 0.0]), n_steps=1)
+    # Small offsets obey y'' + 2 y' / L + 2 y / L² = 0: e^-1.5 (cos 1.5 + sin 1.5) = 0.24 of 4 mm
+    # are left after 3 cm with L = 2 cm, 0.51 of them with L = 3 cm.
+    assert abs(pose[1]) < 0.001
+
+
 # Wandering
 
 

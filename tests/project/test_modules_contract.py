@@ -125,8 +125,9 @@ def use_ensemble(ensemble: SOFMEnsemble, percepts: Tensor, _targets: Tensor) -> 
     return tuple(itertools.chain(*ensemble([percepts, percepts])))
 
 
-def make_schemas(recall_by: str) -> MotorSchemas:
-    return MotorSchemas(MotorSchemasConfig(3, percept_dimensions=2, recall_by=recall_by))
+def make_schemas(recall_by: str, budget: int | None = None) -> MotorSchemas:
+    config = MotorSchemasConfig(3, percept_dimensions=2, recall_by=recall_by, budget=budget)
+    return MotorSchemas(config)
 
 
 def learn_schemas(schemas: MotorSchemas, percepts: Tensor, targets: Tensor) -> Tensors:
@@ -322,6 +323,9 @@ CASES = {
     ),
     "MotorSchemas-order": Case(
         lambda: make_schemas("order"), learn_schemas, use_schemas, checks_input=False
+    ),
+    "MotorSchemas-budget": Case(
+        lambda: make_schemas("cue", budget=7), learn_schemas, use_schemas, checks_input=False
     ),
     "HabituatingSOFM-paper": Case(lambda: HabituatingSOFM(map_config("paper")), learn_map, use_map),
     "HabituatingSOFM-gwr": Case(lambda: HabituatingSOFM(map_config("gwr")), learn_map, use_map),

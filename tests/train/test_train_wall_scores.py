@@ -44,7 +44,6 @@ def make_run(steps: int = 10, **fields: object) -> WallRun:
         contact=np.zeros(steps, dtype=bool),
         winners=np.zeros(steps, dtype=int),
         commanded=np.ones(steps, dtype=bool),
-        abstained=np.zeros(steps, dtype=bool),
     )
     return replace(ideal, **fields)
 
@@ -206,7 +205,6 @@ def test_a_runs_scores_are_those_of_the_functions_and_shares():
         contact=np.arange(100) < 1,
         winners=np.where(np.arange(100) < 70, 4, -1),
         commanded=np.arange(100) < 60,
-        abstained=np.arange(100) < 10,
     )
     assert score_run(run) == {
         "wf": wf(run),
@@ -221,7 +219,6 @@ def test_a_runs_scores_are_those_of_the_functions_and_shares():
         "border_share": border_share(run),
         "matched_share": 0.7,
         "commanded_share": 0.6,
-        "abstained_share": 0.1,
     }
 
 

@@ -48,15 +48,13 @@ from train.walls.episodes import (
     seeds_for,
     wander,
 )
+from train.walls.forward_model import TURNS, candidate_actions, fit, make_forward_model
 from train.walls.learning import (
     LEAD,
-    TURNS,
-    candidate_actions,
     follow_both_sides,
     frames,
     load_episodes,
     load_wandering,
-    make_forward_model,
     make_network,
     record_following,
     record_wandering,
@@ -148,7 +146,6 @@ def test_a_run_alone_records_percepts_before_and_poses_after_each_step():
     np.testing.assert_array_equal(run.percepts, driver.seen)
     assert run.winners.tolist() == list(range(1, 13))
     assert run.commanded.all()
-    assert not run.abstained.any()
     assert len(counted) == len(run) == 12
     # 0.5 of 0.12 m/s over 0.1 s; the first step is from rest
     steps = np.linalg.norm(np.diff(run.poses[:, :2], axis=0), axis=1)
@@ -310,7 +307,6 @@ def test_a_network_that_knows_nothing_wanders():
     assert runs[0].percepts.tobytes() == runs[1].percepts.tobytes()
     assert (runs[0].winners == NO_NODE).all()
     assert not runs[0].commanded.any()
-    assert not runs[0].abstained.any()
     other = act_alone(Wandering(10), Place(1), 2, 150)
     assert other.poses.tobytes() != runs[1].poses.tobytes()
 
@@ -322,7 +318,7 @@ def test_a_trained_network_wanders_at_novel_percepts(learned: Learned):
     for _ in range(50):
         driven, alone = recalling.drive(novel), wandering.drive(novel)
         assert driven.action.tolist() == alone.action.tolist()
-        assert driven[1:] == (NO_NODE, False, False)
+        assert driven[1:] == (NO_NODE, False)
 
 
 def test_the_robot_wanders_on_with_the_last_action_of_the_network():
@@ -331,10 +327,10 @@ def test_the_robot_wanders_on_with_the_last_action_of_the_network():
     first, *later = (recalling.drive(np.zeros(6, np.float32)) for _ in range(3))
     assert network.resets == 1
     np.testing.assert_allclose(first.action, (0.4, 0.6))
-    assert first[1:] == (7, True, False)
+    assert first[1:] == (7, True)
     for driven in later:  # 0.5 of 0.12 m/s is its cruising speed
         np.testing.assert_allclose(driven.action, (0.4, 0.6), atol=1e-6)
-        assert driven[1:] == (7, False, True)
+        assert driven[1:] == (7, False)
 
 
 # Learning
@@ -588,7 +584,7 @@ def test_a_nodes_mean_action_is_used_unchanged(learned: Learned):
 def test_every_transition_is_learned_with_its_mirror_image(learned: Learned, monkeypatch):
     fits = []
     monkeypatch.setattr(MLPForwardModel, "fit", lambda _, *rows, **__: fits.append(rows))
-    wall_learning.fit(make_forward_model(SEED), [learned.wandering], SEED)
+    fit(make_forward_model(SEED), [learned.wandering], SEED)
     ((before, actions, after),) = fits
     percepts, wheels = learned.wandering
     for rows, own in ((before, percepts[:-1]), (actions, wheels[:-1]), (after, percepts[1:])):

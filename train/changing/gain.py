@@ -17,9 +17,10 @@ from envs.khepera import INFRARED_NAMES
 from envs.wall_behaviours import Side
 from pacnet import MotorSchemasConfig, PACNet, PACNetConfig, SOFMConfig, targets_ahead
 from train.walls.episodes import TAUGHT_SIDES, follow, seeds_for
-from train.walls.learning import EPISODE, LEAD, NEAREST_CUES, NOVELTY_THRESHOLD
+from train.walls.learning import EPISODE, NEAREST_CUES, NOVELTY_THRESHOLD
 
 SENSOR, GAIN = INFRARED_NAMES.index("left_90"), 0.5  # whose gain drops, and to what
+LEAD = 3  # [steps] from a percept to its target; nobody acts on these
 BEFORE, BEFORE_STEPS = 8, 750  # episodes before the change, and their steps of 0.1 s
 AFTER_STEPS = 300  # of an episode after it
 HELD_OUT = 2  # episodes of BEFORE_STEPS, not learned

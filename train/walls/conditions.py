@@ -148,7 +148,7 @@ def _run_taught_on(index: int) -> Run:
     """Return a run of a network taught on one side, and score whether it keeps that side."""
 
     def run(learned: Learned, steps: int) -> Scores:
-        network = make_network(learned.network.forward_model)
+        network = make_network(fitted_model(learned))
         episodes = [episode for episode in learned.episodes if episode.side == index]
         teach(network, episodes, leave_bar=False)
         driver = Recalling(network, learned.seed)

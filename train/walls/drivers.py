@@ -18,7 +18,6 @@ class Driven(NamedTuple):
     action: NDArray[np.float32]  # [2] shares of the wheels' largest speed
     winner: int = NO_NODE  # node that won the percept
     commanded: bool = False  # by the network, not by the default behaviour
-    abstained: bool = False  # a target was recalled, but the forward model gave no action
 
 
 class Driver(Protocol):
@@ -79,8 +78,7 @@ class Recalling:
         if decision.action is not None:
             self._wanderer.take_over(MAX_WHEEL_SPEED * decision.action)
             return Driven(decision.action, winner, commanded=True)
-        wandering = shares(self._wanderer.act(percept))
-        return Driven(wandering, winner, abstained=decision.target is not None)
+        return Driven(shares(self._wanderer.act(percept)), winner)
 
 
 def shares(wheels: NDArray[np.float64]) -> NDArray[np.float32]:

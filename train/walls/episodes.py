@@ -230,5 +230,4 @@ def _wall_run(rows: list[dict[str, Any]]) -> WallRun:
         contact=series("contact"),
         winners=series("winner"),
         commanded=series("commanded"),
-        abstained=series("abstained"),
     )

@@ -1,4 +1,4 @@
-"""What Experiment 2 learns: a forward model from wandering, a map with schemas from following."""
+"""What Experiment 2 records, and what it learns from following: a map with schemas."""
 
 from __future__ import annotations
 
@@ -13,12 +13,10 @@ from torch import Tensor
 from tqdm import tqdm
 
 from envs.arena_scene import CONTROL_TIMESTEP
-from envs.khepera import INFRARED_NAMES, wheel_speeds
-from envs.wall_behaviours import CRUISE, DRIVING, MAX_TURN, RESTING
+from envs.khepera import INFRARED_NAMES
+from envs.wall_behaviours import DRIVING, RESTING
 from pacnet import (
     ForwardModel,
-    MLPForwardModel,
-    MLPForwardModelConfig,
     MotorSchemasConfig,
     PACNet,
     PACNetConfig,
@@ -27,10 +25,8 @@ from pacnet import (
 )
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.datasets.recorder import Recorder
-from pacnet.forward_models.fitting import MAX_EPOCHS, FitReport
 from train.common.expected_findings import expect_findings
 from train.common.learning_log import LearningLog
-from train.walls.drivers import shares
 from train.walls.episodes import TAUGHT_SIDES, Transitions, follow, following_seeds, wander
 
 FPS = round(1 / CONTROL_TIMESTEP)  # [1/s]
@@ -42,11 +38,9 @@ TRANSITIONS = 5000  # [steps] of wandering
 WANDERING_STEPS = 500  # at most in an episode of the dataset
 WANDERING_TASK = "wander around and turn away from walls"
 EPISODES_A_SIDE, EPISODE_STEPS = 8, 375  # of following
-LEAD = 3  # [steps] from a percept to its target; the forward model holds an action as long
+LEAD = 5  # [steps] from a percept to its target; the forward model holds an action as long
 NOVELTY_THRESHOLD = 0.6
 NEAREST_CUES = 50  # over which a target is averaged
-ABSTAIN_BELOW = 0.0  # never: choosing between outcomes that are alike does no harm here
-TURNS = np.linspace(-MAX_TURN, MAX_TURN, 21)  # [rad/s] of the candidate actions
 EPISODE = 0  # number of the only learning episode
 CHUNK = 50  # samples learned between two points of the learning curves
 
@@ -119,61 +113,9 @@ def follow_both_sides(arena: str | int, seed: int, *, rests: bool = False) -> li
             robots drive for as long as without rests.
     """
     return [
-        Episode(*map(torch.from_numpy, followed), side)
+        Episode(torch.from_numpy(followed.percepts), torch.from_numpy(followed.actions), side)
         for side, followed in _follow_both_sides(arena, seed, rests)
     ]
-
-
-def candidate_actions(speeds: Sequence[float] = (CRUISE,)) -> tuple[tuple[float, ...], ...]:
-    """Return every turn at every speed [m/s], as actions of the environment."""
-    wheels = [wheel_speeds(speed, turn) for speed in speeds for turn in TURNS]
-    return tuple(tuple(shares(pair).tolist()) for pair in wheels)
-
-
-def make_forward_model(seed: int, speeds: Sequence[float] = (CRUISE,)) -> MLPForwardModel:
-    """Return an unfitted forward model for this robot, with weights drawn from the seed."""
-    config = MLPForwardModelConfig(
-        state_dimensions=len(INFRARED_NAMES),
-        action_dimensions=len(WHEEL_NAMES),
-        candidates=candidate_actions(speeds),
-        steps=LEAD,
-        abstain_below=ABSTAIN_BELOW,
-    )
-    return MLPForwardModel(config, seed=seed)
-
-
-def fit(
-    model: MLPForwardModel, walks: Sequence[Transitions], seed: int
-) -> tuple[FitReport, Tensor]:
-    """Fit a forward model to walks and to their mirror images: the body is symmetric.
-
-    Returns:
-        The report, and the training and validation loss after each epoch `[E, 2]`.
-    """
-    rows = [torch.cat([rows, rows.flip(1)]) for rows in changes(walks)]
-    losses = []
-    with tqdm(total=MAX_EPOCHS, desc="fitting", unit="epoch") as progress:
-
-        def note(_: int, train_loss: float, validation_loss: float) -> None:
-            losses.append((train_loss, validation_loss))
-            progress.update()
-
-        report = model.fit(*rows, seed=seed, progress=note)
-        progress.total = progress.n  # it may have stopped early
-    return report, torch.tensor(losses)
-
-
-def changes(walks: Sequence[Transitions]) -> tuple[Tensor, Tensor, Tensor]:
-    """Return percepts, actions and next percepts of all walks; none leads to another walk."""
-    steps = [(percepts[:-1], actions[:-1], percepts[1:]) for percepts, actions in walks]
-    before, actions, after = zip(*steps, strict=True)
-    return _joined(before), _joined(actions), _joined(after)
-
-
-def walks_of(wandering: Transitions, episodes: Sequence[Episode]) -> list[Transitions]:
-    """Return all walks in which the robot felt its own wheels: wandering, and following."""
-    followed = [Transitions(one.percepts.numpy(), one.actions.numpy()) for one in episodes]
-    return [wandering, *followed]
 
 
 def make_network(forward_model: ForwardModel, targets: int = len(INFRARED_NAMES)) -> PACNet:
@@ -249,10 +191,6 @@ def _follow_both_sides(
             side,
             follow(arena, TAUGHT_SIDES[side], episode_seed, steps, after_step, rests=rests),
         )
-
-
-def _joined(walks: Sequence[np.ndarray]) -> Tensor:
-    return torch.from_numpy(np.concatenate(walks))
 
 
 def _episode_steps(rests: bool) -> int:

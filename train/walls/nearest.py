@@ -52,6 +52,6 @@ class NearestTargets:
         seen = torch.from_numpy(percept)
         action = self._forward_model.command_one(seen, self.target(seen))
         if action is None:
-            return Driven(shares(self._wanderer.act(percept)), abstained=True)
+            return Driven(shares(self._wanderer.act(percept)))
         self._wanderer.take_over(MAX_WHEEL_SPEED * action)
         return Driven(action, commanded=True)

@@ -40,7 +40,6 @@ _FIELDS = {  # name: kind of number, shape after [T]
     "contact": ("b", ()),
     "winners": ("i", ()),
     "commanded": ("b", ()),
-    "abstained": ("b", ()),
 }
 _KINDS = {"f": "floats", "i": "integers", "b": "booleans"}
 
@@ -59,8 +58,6 @@ class WallRun:
         contact: Whether the robot touched a wall in each step `[T]`.
         winners: Node that won the percept, -1 for no match `[T]`.
         commanded: Whether the network commanded the step, not the default behaviour `[T]`.
-        abstained: Whether a node won, but the forward model predicted the same for all candidates
-            `[T]`.
 
     Raises:
         ValueError: An array of another shape or kind, not finite, or with values out of range.
@@ -74,7 +71,6 @@ class WallRun:
     contact: NDArray[np.bool_]
     winners: NDArray[np.integer]
     commanded: NDArray[np.bool_]
-    abstained: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit one another."""
@@ -264,7 +260,6 @@ def score_run(run: WallRun) -> dict[str, float]:
         "border_share": border_share(run),
         "matched_share": float(np.mean(run.winners >= 0)),
         "commanded_share": float(run.commanded.mean()),
-        "abstained_share": float(run.abstained.mean()),
     }
 
 

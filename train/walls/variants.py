@@ -18,17 +18,14 @@ from pacnet import (
     TransitionMatrixConfig,
 )
 from train.walls.episodes import Transitions, wander
+from train.walls.forward_model import changes, fit, make_forward_model, walks_of
 from train.walls.learning import (
     EPISODE,
     TRANSITIONS,
     Episode,
-    changes,
-    fit,
     follow_both_sides,
-    make_forward_model,
     make_network,
     teach,
-    walks_of,
 )
 
 FREE_SPEEDS = (0.0, 0.03, 0.06, 0.07)  # [m/s] of the candidates where the speed is free
