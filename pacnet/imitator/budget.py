@@ -3,7 +3,7 @@
 Of a demonstration those frames are kept that the others do not foretell, its keyframes
 (`pacnet.schemas.keyframes`). Where there are too many demonstrations to keep enough frames of each,
 one goes that later ones of its task show again: the one whose frames have the nearest ones in
-those. All tasks keep equally many.
+those. All tasks keep equally many, and no task is forgotten for want of frames.
 """
 
 from __future__ import annotations
@@ -35,12 +35,17 @@ def kept_rows(shown: Shown, important: NDArray[np.float64], parts: Numbers, budg
     task = dict(zip(parts.tolist(), shown.task.tolist(), strict=True))
     known = list(dict.fromkeys(of.tolist()))
     ends = 2 * np.bincount(parts)  # at which a demonstration cannot be interpolated
-    while len(known) > 1 and np.maximum(ENOUGH, ends[known]).sum() > budget:
+    while len(known) > 1 and np.maximum(_enough(known, task), ends[known]).sum() > budget:
         gone = _most_familiar(shown.percepts, of, known, task)
         known.remove(gone)
         left &= of != gone
     rows = np.flatnonzero(left)
     return rows[most_important(important[rows], budget)]
+
+
+def _enough(known: list[int], task: dict[int, int]) -> int:
+    """Return how many frames an episode needs: few are better than to forget a whole task."""
+    return ENOUGH if len(known) > len({task[one] for one in known}) else 0
 
 
 def importances(shown: Shown, last: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -71,7 +71,8 @@ def kept_of(shown: Shown, budget: int, parts: list[int] | None = None) -> list[i
         ([0, 0, 0, 0], "aaaa", 45, [0, 0, 20, 20]),  # of alike ones the later ones stay
         ([0, 5, 5.1, 5.2, 9], "aaaaa", 60, [20, 0, 0, 20, 20]),  # what is shown only once stays
         ([0, 5, 9, 0, 5, 9], "aaabbb", 80, [20, 0, 20, 20, 0, 20]),  # each task keeps as many
-        ([0, 5], "ab", 39, [0, 20]),
+        ([0, 5], "ab", 39, [20, 19]),  # no task is forgotten, with however few frames
+        ([0, 5, 0], "aab", 30, [0, 20, 10]),
         ([0, 5], "aa", 3, [0, 3]),
     ],
 )

@@ -166,8 +166,9 @@ def fake_replicates(seeds, episodes, _body, experiments):
             for row in cues.ROWS
         }
         followed = {
-            f"{stream} | {score} | {row}": seed + 0.25
+            f"{stream} | {count}-NN {score} | {row}": seed + 0.25
             for stream in walls.STREAMS
+            for count in walls.COUNTS
             for score in walls.SCORES
             for row in walls.ROWS
         }
@@ -184,7 +185,7 @@ def test_a_run_writes_scores_of_all_replicates_a_figure_and_tables(tmp_path, mon
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["command"].startswith("python -m train.memory --seed 4")
     assert metrics[ALONE][f"{RESTS} | 40 | {alone.OURS}"]["values"] == [4.0, 5.0]
-    assert metrics[WALLS][f"{walls.RESTS} | tight | {walls.PACNET}"]["mean"] == 4.75
+    assert metrics[WALLS][f"{walls.RESTS} | 8-NN tight | {walls.PACNET}"]["mean"] == 4.75
     assert [path.name for path in (folder / "figures").iterdir()] == ["memory.png"]
     assert "5.00 ± 0.71" in capsys.readouterr().out
 

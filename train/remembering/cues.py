@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -12,15 +12,11 @@ from pacnet import Imitator, MotorSchemasConfig, PACNet, PACNetConfig
 from pacnet.datasets.demonstrations import Demonstrations
 from train.postural.learning import SCALE, attention_config
 from train.remembering.alone import ALL, OURS
-from train.remembering.clusters import batch_means, online_means
+from train.remembering.pairs import kept_pairs, nearest_cues
 from train.remembering.rules import RULES, Choice
 from train.remembering.streams import Stream, numbers_of, show
 
 PACNET = "PACNet (budget=)"
-_MEANS: dict[str, Callable[[Choice], NDArray[np.float64]]] = {
-    "k-means": lambda one: batch_means(one.percepts, one.budget, one.rng),
-    "k-means, online": lambda one: online_means(one.percepts, one.budget),
-}
 FEW = 8  # nearest cues whose targets are averaged, chosen on seeds 1001 and 1002
 MEAN_OF_ALL = f"all frames, {FEW}-NN"
 ROWS = (OURS, PACNET, *RULES, ALL, MEAN_OF_ALL)
@@ -46,7 +42,7 @@ def score_cues(stream: Stream, budgets: Sequence[int], seed: int) -> dict[str, f
     scores = {}
     for budget in budgets:
         choice = Choice(cues, *numbers_of(shown), budget, seed)
-        kept = {row: _kept(row, choice, targets) for row in RULES}
+        kept = {row: kept_pairs(row, choice, targets) for row in RULES}
         found = {row: _nearest(*pair, asked) for row, pair in kept.items()}
         found[OURS] = _nearest(*_interpolated(shown, budget), asked)
         found[PACNET] = _recalled(shown, unseen, budget)
@@ -63,18 +59,6 @@ def _rows(shown: Demonstrations) -> tuple[Array, Array]:
     percepts = torch.cat([one.percepts for one in shown]).double().numpy() * np.array(SCALE)
     targets = torch.cat([one.action for one in shown]).double().numpy()
     return percepts, targets
-
-
-def _kept(row: str, choice: Choice, targets: Array) -> tuple[Array, Array]:
-    """Return the cues and targets that a rule keeps; k-means keeps means of both."""
-    cues = choice.percepts
-    if row not in _MEANS:
-        kept = RULES[row](choice)
-        return cues[kept], targets[kept]
-    means = _MEANS[row](choice)
-    nearest = _indices(means, cues)[:, 0]
-    own = np.unique(nearest)
-    return means[own], np.stack([targets[nearest == one].mean(axis=0) for one in own])
 
 
 def _interpolated(shown: Demonstrations, budget: int) -> tuple[Array, Array]:
@@ -99,11 +83,4 @@ def _recalled(shown: Demonstrations, unseen: Demonstrations, budget: int) -> Arr
 
 def _nearest(cues: Array, targets: Array, asked: Array, count: int = 1) -> Array:
     """Return the mean target of so many nearest cues for each percept."""
-    return targets[_indices(cues, asked, count)].mean(axis=1)
-
-
-def _indices(cues: Array, asked: Array, count: int = 1) -> NDArray[np.int64]:
-    """Return the numbers of the nearest cues for each percept `[N, count]`."""
-    rows = torch.from_numpy(np.ascontiguousarray(cues, np.float64))
-    apart = torch.cdist(torch.from_numpy(asked), rows)
-    return apart.topk(count, dim=1, largest=False).indices.numpy()
+    return targets[nearest_cues(cues, asked, count)].mean(axis=1)

@@ -32,8 +32,9 @@ def print_tables(scores: Scores) -> None:
         print("\nthe same after rests, by the number of targets")
         _print(scores[CUES], CUES_ROWS, [(RESTS, budget) for budget in BUDGETS], 2)
     for score in walls.SCORES if WALLS in scores else ():
-        print(f"\nfollowing walls alone, {walls.BUDGET} targets kept: {score}")
-        _print(scores[WALLS], walls.ROWS, [(stream, score) for stream in walls.STREAMS], 2)
+        print(f"\nfollowing walls alone, {walls.BUDGET} targets kept, mean of k nearest: {score}")
+        columns = [(stream, f"{k}-NN {score}") for stream in walls.STREAMS for k in walls.COUNTS]
+        _print(scores[WALLS], walls.ROWS, columns, 2)
 
 
 def _print(

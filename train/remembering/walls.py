@@ -6,8 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from pacnet import MLPForwardModel, PACNet, PACNetConfig
+from train.remembering.pairs import kept_pairs
 from train.remembering.rules import RULES, Choice
 from train.walls.drivers import Driver, Recalling
 from train.walls.episodes import Place, act_alone, alone_seed
@@ -20,17 +24,16 @@ PLAIN, RESTS = "no rests", "rests of a minute"
 STREAMS = (PLAIN, RESTS)
 SCORES = ("wf", "tight")
 BUDGET = 30  # targets
-ONE, FEW, MANY = 1, 8, 50  # nearest cues whose targets are averaged
+COUNTS = (1, 8)  # nearest cues whose targets are averaged, of few targets
+MANY = 50  # the same of all
 STEPS = 2500  # of a run alone
 
-PACNET, ALL = "PACNet (budget=)", f"{MANY}-NN over all frames"
-RESERVOIR = "random frames (a reservoir)"
-RESERVOIR_ONE = f"{RESERVOIR}, {ONE}-NN"
-ROWS = (PACNET, *RULES, RESERVOIR_ONE, ALL)  # k-NN over FEW of what rules keep, but for one row
+PACNET, ALL = "PACNet (budget=)", f"all frames, {MANY}-NN"
+ROWS = (PACNET, *RULES, ALL)
 
 
 def score(stream: str, seed: int) -> dict[str, float]:
-    """Return "score | row" -> value of robots that act alone.
+    """Return "k-NN score | row" -> value of robots that act alone, for each k of COUNTS.
 
     Args:
         stream: One of STREAMS.
@@ -40,33 +43,47 @@ def score(stream: str, seed: int) -> dict[str, float]:
     episodes = [*learned.episodes]
     if stream == RESTS:
         episodes = follow_both_sides("paper", seed, rests=True)
-    cues, targets = frames(episodes)
-    steps = [len(one.percepts) for one in episodes]
-    of, side = (
-        np.repeat(one, steps) for one in (range(len(steps)), [one.side for one in episodes])
-    )
     model = learned.network.forward_model
     assert isinstance(model, MLPForwardModel)
-    network = _within_budget(model, episodes)
-    drivers: dict[str, Driver] = {PACNET: Recalling(network, seed)}
-    for row, rule in RULES.items():
-        kept = rule(Choice(cues.double().numpy(), of, side, BUDGET, seed))
-        count = min(FEW, len(kept))
-        drivers[row] = NearestTargets(cues[kept], targets[kept], count, model, seed)
-        if row == RESERVOIR:
-            drivers[RESERVOIR_ONE] = NearestTargets(cues[kept], targets[kept], ONE, model, seed)
-    drivers[ALL] = NearestTargets(cues, targets, MANY, model, seed)
+    cues, targets = frames(episodes)
+    kept = _kept(episodes, seed)
+    everything = _run(NearestTargets(cues, targets, MANY, model, seed), seed)
     scores = {}
-    for row, driver in drivers.items():
-        run = act_alone(driver, Place("paper"), alone_seed(seed), STEPS)
-        scores |= {f"wf | {row}": wf(run), f"tight | {row}": tight(run)}
+    for count in COUNTS:
+        network = Recalling(_within_budget(model, episodes, count), seed)
+        runs = {PACNET: _run(network, seed), ALL: everything}
+        for row, (own, of) in kept.items():
+            few = min(count, len(own))
+            runs[row] = _run(NearestTargets(own, of, few, model, seed), seed)
+        for row, values in runs.items():
+            scores |= {f"{count}-NN {name} | {row}": value for name, value in values.items()}
     return scores
 
 
-def _within_budget(model: MLPForwardModel, episodes: Sequence[Episode]) -> PACNet:
-    """Return PACNet taught within the budget; its targets are means already."""
+def _kept(episodes: Sequence[Episode], seed: int) -> dict[str, tuple[Tensor, Tensor]]:
+    """Return row -> the cues and targets that its rule keeps."""
+    cues, targets = (rows.double().numpy() for rows in frames(episodes))
+    steps = [len(one.percepts) for one in episodes]
+    of, side = np.arange(len(steps)).repeat(steps), np.repeat([one.side for one in episodes], steps)
+    choice = Choice(cues, of, side, BUDGET, seed)
+    pairs = {row: kept_pairs(row, choice, targets) for row in RULES}
+    return {row: (_tensor(own), _tensor(of)) for row, (own, of) in pairs.items()}
+
+
+def _tensor(rows: NDArray[np.float64]) -> Tensor:
+    return torch.from_numpy(rows.astype(np.float32))
+
+
+def _run(driver: Driver, seed: int) -> dict[str, float]:
+    """Let somebody act alone from a replicate's place; return the scores."""
+    run = act_alone(driver, Place("paper"), alone_seed(seed), STEPS)
+    return {"wf": wf(run), "tight": tight(run)}
+
+
+def _within_budget(model: MLPForwardModel, episodes: Sequence[Episode], count: int) -> PACNet:
+    """Return PACNet taught within the budget, which averages over so many nearest cues."""
     unbounded = make_network(model).config
-    schemas = replace(unbounded.schemas, budget=BUDGET, nearest_cues=ONE)
+    schemas = replace(unbounded.schemas, budget=BUDGET, nearest_cues=count)
     network = PACNet(PACNetConfig(unbounded.attention, schemas), model)
     teach(network, episodes, leave_bar=False)
     return network
