@@ -1,8 +1,9 @@
 """Learn a forward model for Experiment 2: how wheel speeds change the infra-red readings.
 
 The robot wanders alone; the transitions are recorded as a LeRobot dataset. The model is fitted to
-the dataset, saved, loaded, and scored on new wandering in an arena that it has not seen. Scores,
-figures and a tensorboard log go into `runs/forward_model/<time>-seed<N>/`.
+the dataset and to what the robot feels while it follows its teacher, as in the experiment. It is
+saved, loaded, and scored on new wandering in an arena that it has not seen. Scores, figures and a
+tensorboard log go into `runs/forward_model/<time>-seed<N>/`.
 """
 
 from __future__ import annotations
@@ -30,10 +31,11 @@ from train.common.runs import (
     write_metrics,
 )
 from train.walls.episodes import Transitions, testing_seed, wander
-from train.walls.forward_model import fit, make_forward_model
+from train.walls.forward_model import fit, make_forward_model, walks_of
 from train.walls.forward_model_figures import calibration, fit_curves
 from train.walls.learning import (
     TRANSITIONS,
+    follow_both_sides,
     load_wandering,
     record_wandering,
 )
@@ -97,7 +99,8 @@ def run(arguments: argparse.Namespace, folder: Path) -> None:
     wandering = load_wandering(folder / "dataset")
 
     model = make_forward_model(seed)
-    report, losses = fit(model, [wandering], seed)
+    followed = follow_both_sides(arguments.arena, seed)
+    report, losses = fit(model, walks_of(wandering, followed), seed)
     model.save_pretrained(folder / "checkpoint")
 
     model = MLPForwardModel.from_pretrained(folder / "checkpoint")

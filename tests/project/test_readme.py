@@ -141,6 +141,19 @@ def test_the_citation_is_of_this_version():
     assert cited[1] == declared[1]
 
 
+STREAMS = ("plain", "rests of a minute", "one toast in 21", "noise × 3")
+FORTY = tuple(f"{stream} | 40" for stream in STREAMS)
+MEMORY = (
+    ("alone", f"| kept | {' | '.join(STREAMS)} |", FORTY),
+    ("cues", "| kept | plain, 40 |", (*FORTY, "rests of a minute | 200")),
+    (
+        "walls",
+        "| kept | no rests: 1-NN |",
+        [f"{stream} | {k}-NN tight" for stream in ("no rests", STREAMS[1]) for k in (1, 8)],
+    ),
+)
+
+
 def shipped(path: str) -> dict:
     return json.loads((PROJECT / "checkpoints" / path).read_text())
 
@@ -178,7 +191,11 @@ def test_the_comparison_holds_the_numbers_of_the_pages():
     others = ("replay of the nearest", "ours")
     assert rows[10][2:] == [f"{drinks[f'alone, 15 cm | {one}']['mean']:.0%}" for one in others]
     tights = [conditions[name]["tight"]["mean"] for name in ("teacher's controller", "recall")]
-    assert [row[2:] for row in rows[11:]] == [[f"{tight:.2f}" for tight in tights]]
+    kept = shipped("memory/alone.json")["alone"]
+    by = ("random frames (a reservoir)", "keyframes (budget=)")
+    means = [kept[f"rests of a minute | 40 | {rule}"]["mean"] for rule in by]
+    assert rows[11][2:] == [f"{mean:.0%}" for mean in means]
+    assert [row[2:] for row in rows[12:]] == [[f"{tight:.2f}" for tight in tights]]
 
 
 def test_its_table_holds_the_shipped_scores():
@@ -243,6 +260,16 @@ def test_the_table_of_wall_following_holds_the_shipped_scores():
         ]
         for name, scores in conditions.items()
     ]
+
+
+def test_the_tables_of_memory_hold_the_shipped_scores():
+    text = TEXTS["docs/memory.md"]
+    for name, head, columns in MEMORY:
+        scores = shipped(f"memory/{name}.json")[name]
+        table = text.split(head)[1].split("\n\n")[0]
+        for row, *measured in map(cells, table.splitlines()[2:]):
+            wanted = [scores[f"{column} | {row}"] for column in columns]
+            assert measured == [f"{one['mean']:.2f} ± {one['std']:.2f}" for one in wanted], row
 
 
 def test_the_table_of_recognition_holds_the_shipped_scores():

@@ -238,5 +238,5 @@ def _draw_bars(axes: Axes, values: NDArray[np.float64], colour: str) -> None:
     axes.barh(rows, means, 0.6, xerr=stds, color=colour, error_kw={"ecolor": INK, "capsize": 2})
     for row, (mean, std) in enumerate(values):
         label_point(axes, f"{mean:.2f} ± {std:.2f}", (mean + std, row), (6, 0))
-    axes.set_xlim(0, max(1.25, 1.3 * (means + stds).max()))
+    axes.set_xlim(0, max(1.25, (means + stds).max() + 0.35))  # with room for the numbers
     axes.set_xticks(np.linspace(0, 1, 6))

@@ -33,10 +33,15 @@ from train.walls.scores import SIDES, WallRun, name_clusters
 PRINTED = ("wf", "tight", "energy")  # scores
 FILM_STEPS = 400
 FRAME_STEPS = 2  # steps from one frame of the film to the next
-PATH_STEPS = 2500  # drawn as a path; a longer one would overlap too much
+PATH_STEPS = 10_000  # drawn as a path: some places on both sides
 WANTED = {
-    "recall": {"wf": 0.9, "tight": 0.8},
-    "recall in unseen arenas": {"wf": 0.85, "tight": 0.7},
+    name: {"wf": 0.95, "tight": 0.85}
+    for name in (
+        "recall",
+        "recall in unseen arenas",
+        "recall beside a left wall",
+        "recall beside a right wall",
+    )
 }
 
 
