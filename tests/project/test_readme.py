@@ -148,8 +148,8 @@ MEMORY = (
     ("cues", "| kept | plain, 40 |", (*FORTY, "rests of a minute | 200")),
     (
         "walls",
-        "| kept | no rests: 1-NN |",
-        [f"{stream} | {k}-NN tight" for stream in ("no rests", STREAMS[1]) for k in (1, 8)],
+        "| kept | 1-NN: wf |",
+        [f"{STREAMS[1]} | {k}-NN {score}" for k in (1, 8) for score in ("wf", "tight")],
     ),
 )
 

@@ -166,8 +166,7 @@ def fake_replicates(seeds, episodes, _body, experiments):
             for row in cues.ROWS
         }
         followed = {
-            f"{stream} | {count}-NN {score} | {row}": seed + 0.25
-            for stream in walls.STREAMS
+            f"{walls.RESTS} | {count}-NN {score} | {row}": seed + 0.25
             for count in walls.COUNTS
             for score in walls.SCORES
             for row in walls.ROWS

@@ -75,5 +75,4 @@ def _jobs(
     for name, stream in STREAMS.items():
         many = BUDGETS if name in (PLAIN, RESTS) else (BUDGET,)
         yield (CUES, name), partial(score_cues, stream, many, seed)
-    for name in walls.STREAMS:
-        yield (WALLS, name), partial(walls.score, name, seed)
+    yield (WALLS, walls.RESTS), partial(walls.score, seed)

@@ -31,9 +31,9 @@ def print_tables(scores: Scores) -> None:
         _print(scores[CUES], CUES_ROWS, columns, 2)
         print("\nthe same after rests, by the number of targets")
         _print(scores[CUES], CUES_ROWS, [(RESTS, budget) for budget in BUDGETS], 2)
-    for score in walls.SCORES if WALLS in scores else ():
-        print(f"\nfollowing walls alone, {walls.BUDGET} targets kept, mean of k nearest: {score}")
-        columns = [(stream, f"{k}-NN {score}") for stream in walls.STREAMS for k in walls.COUNTS]
+    if WALLS in scores:
+        print(f"\nfollowing walls alone, {walls.BUDGET} targets kept, mean of the k nearest")
+        columns = [(walls.RESTS, f"{k}-NN {one}") for k in walls.COUNTS for one in walls.SCORES]
         _print(scores[WALLS], walls.ROWS, columns, 2)
 
 

@@ -20,8 +20,7 @@ from train.walls.nearest import NearestTargets
 from train.walls.scores import tight, wf
 from train.walls.variants import learn
 
-PLAIN, RESTS = "no rests", "rests of a minute"
-STREAMS = (PLAIN, RESTS)
+RESTS = "rests of a minute"
 SCORES = ("wf", "tight")
 BUDGET = 30  # targets
 COUNTS = (1, 8)  # nearest cues whose targets are averaged, of few targets
@@ -32,19 +31,11 @@ PACNET, ALL = "PACNet (budget=)", f"all frames, {MANY}-NN"
 ROWS = (PACNET, *RULES, ALL)
 
 
-def score(stream: str, seed: int) -> dict[str, float]:
-    """Return "k-NN score | row" -> value of robots that act alone, for each k of COUNTS.
-
-    Args:
-        stream: One of STREAMS.
-        seed: Of the replicate.
-    """
-    learned = learn(seed, "paper")
-    episodes = [*learned.episodes]
-    if stream == RESTS:
-        episodes = follow_both_sides("paper", seed, rests=True)
-    model = learned.network.forward_model
+def score(seed: int) -> dict[str, float]:
+    """Return "k-NN score | row" -> value of robots that act alone, for each k of COUNTS."""
+    model = learn(seed, "paper").network.forward_model
     assert isinstance(model, MLPForwardModel)
+    episodes = follow_both_sides("paper", seed, rests=True)
     cues, targets = frames(episodes)
     kept = _kept(episodes, seed)
     everything = _run(NearestTargets(cues, targets, MANY, model, seed), seed)
