@@ -102,7 +102,7 @@ def draw_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> Figure:
         condition: {name: (scores[name]["mean"], scores[name]["std"]) for name in ("wf", "tight")}
         for condition, scores in summary.items()
     }
-    return conditions(table, WANTED)
+    return conditions(table, {name: goals for name, goals in WANTED.items() if name in table})
 
 
 def print_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> None:
