@@ -15,6 +15,7 @@ _MOST = 6_000  # frames; of more, every n-th is clustered
 def batch_means(frames: Array, count: int, rng: np.random.Generator) -> Array:
     """Return the means `[K, D]` of k-means++ and Lloyd's algorithm."""
     some = frames[:: 1 + len(frames) // _MOST]
+    # `seed` is the name of `rng` before scipy 1.15, which later releases take too.
     return kmeans2(some, min(count, len(some)), iter=_PASSES, minit="++", seed=rng)[0]
 
 
