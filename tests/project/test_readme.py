@@ -265,7 +265,8 @@ def test_the_table_of_wall_following_holds_the_shipped_scores():
 def test_the_tables_of_memory_hold_the_shipped_scores():
     text = TEXTS["docs/memory.md"]
     for name, head, columns in MEMORY:
-        scores = shipped(f"memory/{name}.json")[name]
+        folder = "wall_following" if name == "walls" else "postural_imitation"
+        scores = shipped(f"{folder}/memory_{name}.json")[name]
         table = text.split(head)[1].split("\n\n")[0]
         for row, *measured in map(cells, table.splitlines()[2:]):
             wanted = [scores[f"{column} | {row}"] for column in columns]
