@@ -16,31 +16,15 @@ from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.kernels.threads import use_one_thread
 from train.changing.replicates import DRINK, GAIN, run_replicates
 from train.changing.report import draw_gain, print_drink, print_gain
-from train.common.learning_log import LearningLog
-from train.common.runs import (
-    command_line,
-    make_parser,
-    positive,
-    run_folder,
-    save_figures,
-    write_metrics,
-)
-from train.common.summary import Summary, summarise
+from train.common.replication import add_arguments, print_places, record_replicates, seeds_of
+from train.common.runs import make_parser, run_folder
 from train.postural.alone.learning import load_body
 
 
 def parse_arguments() -> argparse.Namespace:
     """Parse the command line."""
     parser = make_parser("train.changing_world", __doc__, episodes=5)
-    parser.add_argument(
-        "--replicates",
-        type=positive,
-        default=2,
-        help="repetitions; each learns everything anew from the next seed",
-    )
-    parser.add_argument(
-        "--body", default="checkpoints/body", help="folder of the body model, from train.babbling"
-    )
+    add_arguments(parser, replicates=2)
     return parser.parse_args()
 
 
@@ -55,23 +39,17 @@ def main() -> None:
 def run(arguments: argparse.Namespace, body: KinematicModel, folder: Path) -> None:
     """Run every replicate; write their scores, means and a figure."""
     use_one_thread()
-    seeds = range(arguments.seed, arguments.seed + arguments.replicates)
-    command = command_line("train.changing_world", arguments)
-    done, scores = [], dict[str, dict[str, Summary]]()
-    for replicate in run_replicates(seeds, arguments.episodes, body):
-        done.append(replicate)
-        scores = {name: summarise([one[name] for one in done]) for name in (GAIN, DRINK)}
-        # After each replicate, so that none is lost.
-        write_metrics(folder / "metrics.json", command, arguments.seed, scores)
-    save_figures(folder / "figures", {"changing_world": draw_gain(scores[GAIN])})
-    with LearningLog(folder / "tensorboard") as log:
-        for name, values in scores.items():
-            log.scores({cell: score["mean"] for cell, score in values.items()}, name)
-        log.pictures(folder / "figures" / "changing_world.png")
+    replicates = run_replicates(seeds_of(arguments), arguments.episodes, body)
+    scores = record_replicates(
+        "train.changing_world",
+        arguments,
+        folder,
+        replicates,
+        lambda scores: {"changing_world": draw_gain(scores[GAIN])},
+    )
     print_gain(scores[GAIN])
     print_drink(scores[DRINK])
-    print(f"\nscores    {folder / 'metrics.json'}\nfigure    {folder / 'figures'}")
-    print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")
+    print_places(folder)
 
 
 if __name__ == "__main__":

@@ -10,20 +10,21 @@ then. Writes scores, a figure and a tensorboard log into `runs/memory/<time>-see
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+
+from matplotlib.figure import Figure
 
 from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.kernels.threads import use_one_thread
-from train.common.learning_log import LearningLog
-from train.common.runs import (
-    command_line,
-    make_parser,
-    positive,
-    run_folder,
-    save_figures,
-    write_metrics,
+from train.common.replication import (
+    Scores,
+    add_arguments,
+    print_places,
+    record_replicates,
+    seeds_of,
 )
-from train.common.summary import Summary, summarise
+from train.common.runs import make_parser, run_folder
 from train.postural.alone.learning import load_body
 from train.remembering.replicates import ALONE, CUES, EXPERIMENTS, run_replicates
 from train.remembering.report import draw, print_tables
@@ -32,15 +33,7 @@ from train.remembering.report import draw, print_tables
 def parse_arguments() -> argparse.Namespace:
     """Parse the command line."""
     parser = make_parser("train.memory", __doc__, episodes=5)
-    parser.add_argument(
-        "--replicates",
-        type=positive,
-        default=1,
-        help="repetitions; each learns everything anew from the next seed",
-    )
-    parser.add_argument(
-        "--body", default="checkpoints/body", help="folder of the body model, from train.babbling"
-    )
+    add_arguments(parser, replicates=1)
     parser.add_argument(
         "--only", choices=EXPERIMENTS, help="one of the three experiments, instead of all"
     )
@@ -58,24 +51,15 @@ def main() -> None:
 def run(arguments: argparse.Namespace, body: KinematicModel, folder: Path) -> None:
     """Run every replicate; write their scores, means and a figure."""
     use_one_thread()
-    seeds = range(arguments.seed, arguments.seed + arguments.replicates)
-    command = command_line("train.memory", arguments)
-    done, scores = [], dict[str, dict[str, Summary]]()
     chosen = EXPERIMENTS if arguments.only is None else (arguments.only,)
-    for replicate in run_replicates(seeds, arguments.episodes, body, chosen):
-        done.append(replicate)
-        scores = {name: summarise([one[name] for one in done]) for name in replicate}
-        # After each replicate, so that none is lost.
-        write_metrics(folder / "metrics.json", command, arguments.seed, scores)
-    figures = {"memory": draw(scores)} if {ALONE, CUES} <= scores.keys() else {}
-    save_figures(folder / "figures", figures)
-    with LearningLog(folder / "tensorboard") as log:
-        for name, values in scores.items():
-            log.scores({cell: score["mean"] for cell, score in values.items()}, name)
-        log.pictures(*(folder / "figures" / f"{name}.png" for name in figures))
+    replicates = run_replicates(seeds_of(arguments), arguments.episodes, body, chosen)
+    scores = record_replicates("train.memory", arguments, folder, replicates, _figures)
     print_tables(scores)
-    print(f"\nscores    {folder / 'metrics.json'}\nfigure    {folder / 'figures'}")
-    print(f"to browse tensorboard --logdir {folder / 'tensorboard'}")
+    print_places(folder)
+
+
+def _figures(scores: Scores) -> Mapping[str, Figure]:
+    return {"memory": draw(scores)} if {ALONE, CUES} <= scores.keys() else {}
 
 
 if __name__ == "__main__":

@@ -8,6 +8,8 @@ those. All tasks keep equally many, and no task is forgotten for want of frames.
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,10 +68,10 @@ def _most_familiar(
     percepts: NDArray[np.float32], of: Numbers, known: list[int], task: dict[int, int]
 ) -> int:
     """Return the episode, of the tasks with the most of them, that later ones show best."""
-    counts = {one: sum(task[other] == task[one] for other in known) for one in known}
+    counts = Counter(task[one] for one in known)
     most, nearest = max(counts.values()), {}
     for index, one in enumerate(known):
-        if counts[one] == most:
+        if counts[task[one]] == most:
             later = [other for other in known[index + 1 :] if task[other] == task[one]]
             nearest[one] = _distance(percepts[of == one], percepts[np.isin(of, later)])
     return min(nearest, key=nearest.__getitem__)  # the first of equal ones

@@ -135,7 +135,8 @@ class Draft:
 
     def _forget(self, config: ImitatorConfig, budget: int) -> None:
         """Keep the keyframes of the last demonstration, and of all no more than the budget."""
-        shown, before = self.memory.shown(), self.memory.whole()
+        shown = self.memory.shown()
+        before = None if self.frames is None else self.memory.whole()
         first = shown.first[-2].item()
         columns = {"percept": shown.percepts, "change": shown.changes, "target": shown.targets}
         frames, important = keyframes(
@@ -152,7 +153,7 @@ class Draft:
         own = kept[kept >= first] - first
         last = {name: fitted(column[first:], own) for name, column in columns.items()}
         self.memory.select(np.isin(np.arange(len(shown.percepts)), kept), last)
-        if self.frames is not None:
+        if self.frames is not None and before is not None:
             self.frames.cut_again(before, self.memory.whole())
         self.renumbered = True
 

@@ -63,8 +63,9 @@ def interpolated(shown: Shown) -> Shown:
     if (rows == shown.frames).all():
         return shown
     lasting = durations(shown.percepts, shown.frame, rows)
-    before = np.repeat(np.arange(len(lasting)), np.maximum(lasting, _is_last(rows)))
-    begin = np.concatenate([np.zeros(1), np.maximum(lasting, _is_last(rows)).cumsum()])[:-1]
+    counts = lasting + _is_last(rows)  # frames from each row on, before the next
+    before = np.repeat(np.arange(len(lasting)), counts)
+    begin = counts.cumsum() - counts
     share = (np.arange(len(before)) - begin[before]) / np.maximum(1, lasting[before])
     after = np.minimum(before + 1, len(lasting) - 1)
 

@@ -838,7 +838,7 @@ def test_what_is_typical_stands_beside_the_own_numbers(
     wall_report.print_typical(tmp_path / "metrics.json")  # outside of a clone
     assert capsys.readouterr().out == ""
     replicates = [{"wf": 0.5, "tight": 0.25, "energy": 0.5}, {"wf": 1, "tight": 0.25, "energy": 0}]
-    document = {"conditions": {"recall": summarise(replicates)}}
+    document = {"seed": 4, "conditions": {"recall": summarise(replicates)}}
     (tmp_path / "metrics.json").write_text(json.dumps(document))
     wall_report.print_typical(tmp_path / "metrics.json")
     said = capsys.readouterr().out.split()

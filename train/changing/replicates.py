@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-
-from tqdm import tqdm
+from functools import partial
 
 from pacnet.forward_models.kinematics import KinematicModel
 from train.changing import drink, gain
-from train.common.pool import processes
+from train.common.replication import run_parts
 
 GAIN, DRINK = "gain", "drink"
+_WATCHING, _ALONE = "watching", "alone"  # parts of the drink
 Scores = dict[str, dict[str, float]]  # experiment -> "stage or row | ... | score" -> value
 
 
@@ -22,19 +22,16 @@ def run_replicates(seeds: Sequence[int], episodes: int, body: KinematicModel) ->
         episodes: To imitate for each way, row and stage.
         body: Model of the body of those who act alone.
     """
-    with processes() as pool, tqdm(total=3 * len(seeds), unit="part") as progress:
-        parts = [
-            (
-                pool.submit(score_gain, seed),
-                pool.submit(drink.watch_and_imitate, seed, episodes),
-                pool.submit(drink.act_alone, seed, episodes, body),
-            )
-            for seed in seeds
-        ]
-        for part in (part for replicate in parts for part in replicate):
-            part.add_done_callback(lambda _: progress.update())
-        for changed, watching, alone in parts:
-            yield {GAIN: changed.result(), DRINK: watching.result() | alone.result()}
+    parts = [
+        {
+            GAIN: partial(score_gain, seed),
+            _WATCHING: partial(drink.watch_and_imitate, seed, episodes),
+            _ALONE: partial(drink.act_alone, seed, episodes, body),
+        }
+        for seed in seeds
+    ]
+    for done in run_parts(parts):
+        yield {GAIN: done[GAIN], DRINK: done[_WATCHING] | done[_ALONE]}
 
 
 def score_gain(seed: int) -> dict[str, float]:

@@ -41,14 +41,15 @@ def score_alone(
     whole = Imitator.from_demonstrations(shown, body=body)
     whole.learn(shown)
 
-    def success(imitator: Imitator | None, count: int) -> float:
-        if imitator is None:
-            return 0.0
+    def successes(imitator: Imitator, count: int) -> list[bool]:
         actor = Alone(imitator.eval(), TASKS[stream.wanted])
         seeds = recall_seeds(seed, count)
-        return float(np.mean([act(actor, environment, _USUAL, s).success for s in seeds]))
+        return [act(actor, environment, _USUAL, s).success for s in seeds]
 
-    scores = {}
+    def success(imitator: Imitator | None, count: int) -> float:
+        return 0.0 if imitator is None else float(np.mean(successes(imitator, count)))
+
+    everything, scores = successes(whole, max(episodes.values())), {}
     for budget, count in episodes.items():
         imitator = Imitator.from_demonstrations(shown, body=body, budget=budget)
         imitator.learn(shown)
@@ -57,7 +58,7 @@ def score_alone(
             scores[f"{budget} | {row}"] = success(
                 _with_frames_of(row, whole, shown, budget, seed), count
             )
-        scores[f"{budget} | {ALL}"] = success(whole, count)
+        scores[f"{budget} | {ALL}"] = float(np.mean(everything[:count]))
     environment.close()
     return scores
 

@@ -39,16 +39,19 @@ def score_cues(stream: Stream, budgets: Sequence[int], seed: int) -> dict[str, f
     unseen = show(Stream((stream.wanted,) * _HELD_OUT), seed + _OTHERS)
     cues, targets = _rows(shown)
     asked, wanted = _rows(unseen)
+    of, task = numbers_of(shown)
+    everything = {
+        ALL: _nearest(cues, targets, asked),
+        MEAN_OF_ALL: _nearest(cues, targets, asked, FEW),
+    }
     scores = {}
     for budget in budgets:
-        choice = Choice(cues, *numbers_of(shown), budget, seed)
+        choice = Choice(cues, of, task, budget, seed)
         kept = {row: kept_pairs(row, choice, targets) for row in RULES}
         found = {row: _nearest(*pair, asked) for row, pair in kept.items()}
         found[OURS] = _nearest(*_interpolated(shown, budget), asked)
         found[PACNET] = _recalled(shown, unseen, budget)
-        found[ALL] = _nearest(cues, targets, asked)
-        found[MEAN_OF_ALL] = _nearest(cues, targets, asked, FEW)
-        for row, guess in found.items():
+        for row, guess in (found | everything).items():
             error = np.rad2deg(np.sqrt(np.square(guess - wanted).mean()))
             scores[f"{budget} | {row}"] = float(error)
     return scores

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
-from tqdm import tqdm
-
 from pacnet.forward_models.kinematics import KinematicModel
-from train.common.pool import processes
+from train.common.replication import run_parts
 from train.remembering import walls
 from train.remembering.alone import score_alone
 from train.remembering.cues import score_cues
@@ -48,21 +46,15 @@ def run_replicates(
         body: Model of the body of those who act alone.
         experiments: Some of EXPERIMENTS.
     """
-    with processes() as pool, tqdm(unit="part", desc="remembering") as progress:
-        replicates = []
-        for seed in seeds:
-            jobs = _jobs(seed, episodes, body)
-            parts = [(name, pool.submit(job)) for name, job in jobs if name[0] in experiments]
-            for _, part in parts:
-                part.add_done_callback(lambda _: progress.update())
-            replicates.append(parts)
-        progress.total = sum(map(len, replicates))
-        for parts in replicates:
-            scores: Scores = {name: {} for name in experiments}
-            for (experiment, stream), part in parts:
-                values = part.result()
-                scores[experiment] |= {f"{stream} | {name}": v for name, v in values.items()}
-            yield scores
+    parts = [
+        {name: job for name, job in _jobs(seed, episodes, body) if name[0] in experiments}
+        for seed in seeds
+    ]
+    for done in run_parts(parts):
+        scores: Scores = {name: {} for name in experiments}
+        for (experiment, stream), values in done.items():
+            scores[experiment] |= {f"{stream} | {name}": v for name, v in values.items()}
+        yield scores
 
 
 def _jobs(

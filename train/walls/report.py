@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,7 +16,8 @@ from envs.wall_following import WallFollowingEnv
 from pacnet import PACNet
 from pacnet.evaluation.map_figures import percepts_on_components
 from pacnet.evaluation.pca import PrincipalComponents
-from train.common.summary import Summary
+from train.common.summary import Summary, mean_and_std
+from train.common.typical import load_typical
 from train.common.video import write_gif, write_mp4
 from train.walls.drivers import Recalling
 from train.walls.episodes import Place, act_alone, alone_seed
@@ -111,20 +111,14 @@ def print_conditions(summary: Mapping[str, Mapping[str, Summary]]) -> None:
     title = f"{count} replicates, mean ± std" if count > 1 else "one replicate"
     print(f"\n{title:32}" + "".join(f"{name:>15}" for name in PRINTED))
     for condition, scores in summary.items():
-        print(f"{condition:32}" + "".join(f"{_text(scores[name]):>15}" for name in PRINTED))
+        print(f"{condition:32}" + "".join(f"{mean_and_std(scores[name]):>15}" for name in PRINTED))
 
 
 def print_typical(metrics: Path) -> None:
     """Print what recall scored over the replicates of a file of metrics; nothing without it."""
-    if not metrics.is_file():
+    typical = load_typical(metrics, "conditions")
+    if typical is None:
         return
-    recall = json.loads(metrics.read_text(encoding="utf-8"))["conditions"]["recall"]
-    count = len(recall["wf"]["values"])
-    title = f"typical recall ({count} longer runs)"
-    print(f"{title:32}" + "".join(f"{_text(recall[name]):>15}" for name in PRINTED))
-
-
-def _text(score: Summary) -> str:
-    """Return a mean, with the standard deviation where there are replicates."""
-    spread = f" ± {score['std']:.2f}" if len(score["values"]) > 1 else ""
-    return f"{score['mean']:.2f}{spread}"
+    recall = typical.scores["recall"]
+    title = f"typical recall ({len(recall['wf']['values'])} longer runs)"
+    print(f"{title:32}" + "".join(f"{mean_and_std(recall[name]):>15}" for name in PRINTED))
