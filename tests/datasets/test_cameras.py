@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from layouts import WRITERS, Shown
-from video_files import pictures
+from layouts import WRITERS, Shown, write_v21
+from video_files import pictures, write_video
 
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.format import DatasetError
@@ -70,3 +70,12 @@ def test_a_part_of_an_episode_has_its_pictures(root: Path):
     part = whole.part(1, 3)
     for camera in (TOP, WRIST):
         assert np.array_equal(part.pictures[camera], whole.pictures[camera][1:3])
+
+
+def test_av1_is_read(tmp_path: Path):
+    root = write_v21(tmp_path / "seen", [episode(0)])
+    path = next(root.glob("videos/**/*.mp4"))
+    write_video(path, pictures(LENGTHS[0]).repeat(4, 1).repeat(4, 2), codec="libsvtav1")
+    found = load_demonstrations(root, cameras="top").episodes[0].pictures[TOP]
+    assert found.shape == (LENGTHS[0], 64, 64, 3)
+    assert np.abs(found - pictures(LENGTHS[0])[:, :1, :1].astype(int)).max() <= 2

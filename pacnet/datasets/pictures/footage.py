@@ -11,9 +11,6 @@ from pacnet.datasets.format import DatasetError
 Pictures = NDArray[np.uint8]
 """Reduced pictures `[T, H, W, 3]`, or one of them `[H, W, 3]`."""
 
-Allocate = Callable[[tuple[int, ...]], Pictures]
-"""Returns an array of this shape to be filled."""
-
 
 class MissingPictures(DatasetError):  # noqa: N818 — it is a kind of DatasetError
     """The file of an episode's pictures is missing or empty."""
@@ -41,15 +38,12 @@ class Footage(NamedTuple):
     is_lasting: Callable[[], bool] = lambda: True
 
 
-def gather(
-    footage: Footage, allocate: Allocate, progress: Callable[[], object] = lambda: None
-) -> Pictures:
+def gather(footage: Footage, progress: Callable[[int], object]) -> Pictures:
     """Return the pictures of all frames of an episode.
 
     Args:
         footage: what is shown.
-        allocate: makes the array.
-        progress: called with each picture.
+        progress: called with 1 for each picture.
 
     Raises:
         DatasetError: they cannot be decoded, are of several sizes, or some are missing.
@@ -57,7 +51,7 @@ def gather(
     pictures, found = None, np.zeros(footage.length, np.bool_)
     for frame, picture in footage.frames():
         if pictures is None:
-            pictures = allocate((footage.length, *picture.shape))
+            pictures = np.empty((footage.length, *picture.shape), np.uint8)
         if picture.shape != pictures.shape[1:]:
             raise DatasetError(
                 f"expected pictures of one size, found {size_text(picture)} after "
@@ -65,7 +59,7 @@ def gather(
             )
         pictures[frame] = picture
         found[frame] = True
-        progress()
+        progress(1)
     if pictures is None or not found.all():
         raise DatasetError(
             f"expected a picture for each of its {footage.length} frames, found {found.sum()} and "

@@ -9,18 +9,17 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from pacnet.datasets.format import DatasetError, DatasetWarning
 from pacnet.datasets.format.episodes import Episodes
 from pacnet.datasets.format.numbers import episodes_text, numbers_text
+from pacnet.datasets.pictures.cache import PictureCache
 from pacnet.datasets.pictures.camera_choice import ALL, CameraChoice, choose_cameras, shows_depth
+from pacnet.datasets.pictures.decoders import MissingDecoder
 from pacnet.datasets.pictures.footage import (
     DepthPictures,
     Footage,
     MissingPictures,
     Pictures,
-    gather,
     size_text,
 )
 from pacnet.datasets.pictures.image_column import ImageColumn
@@ -67,12 +66,13 @@ def read_pictures(
     """
     chosen = choose_cameras(info, cameras)
     seen = Seen([{} for _ in read.indices], set())
-    with _bar(len(chosen) * len(read.rows)) as progress:
+    with _bar(len(chosen) * len(read.rows)) as progress, closing(PictureCache()) as cache:
         for name in chosen:
             try:
                 if shows_depth(info, name):
                     raise DepthPictures("it measures distances")
-                found, broken = _decode(_camera(root, info, name, read, fps), read, progress)
+                camera = _camera(root, info, name, read, fps)
+                found, broken = _decode(camera, read, cache, progress)
             except (DepthPictures, MissingPictures) as error:
                 _leave_out_camera(name, error, is_named=cameras != ALL)
                 continue
@@ -98,12 +98,13 @@ def _camera(root: Path, info: Mapping[str, Any], name: str, read: Episodes, fps:
 
 
 def _decode(
-    camera: _Camera, read: Episodes, progress: Callable[[], object]
+    camera: _Camera, read: Episodes, cache: PictureCache, progress: Callable[[int], object]
 ) -> tuple[dict[int, Pictures], dict[int, DatasetError]]:
     """Return the pictures of episodes by their places, and why others by their indices have none.
 
     Raises:
         DepthPictures: the camera measures distances.
+        MissingDecoder: PyAV or Pillow is not installed.
         MissingPictures: none of its files is there.
     """
     found: dict[int, Pictures] = {}
@@ -113,18 +114,14 @@ def _decode(
             try:
                 footage = camera.footage(place)
                 if footage is not None:
-                    found[place] = gather(footage, _array, progress)
-            except DepthPictures:
+                    found[place] = cache.pictures(footage, progress)
+            except (DepthPictures, MissingDecoder):
                 raise
             except DatasetError as error:
                 broken[episode] = error
     if not found and all(isinstance(error, MissingPictures) for error in broken.values()):
         raise MissingPictures("none of its files is there")
     return found, broken
-
-
-def _array(shape: tuple[int, ...]) -> Pictures:
-    return np.empty(shape, np.uint8)
 
 
 def _other_sizes(found: dict[int, Pictures], read: Episodes) -> dict[int, DatasetError]:
@@ -183,7 +180,7 @@ def _warn(text: str) -> None:
 
 
 @contextmanager
-def _bar(total: int) -> Iterator[Callable[[], object]]:
+def _bar(total: int) -> Iterator[Callable[[int], object]]:
     """Show how many pictures of all are decoded, if it takes time; nothing outside a terminal."""
     from tqdm import tqdm
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pacnet.datasets.format import DatasetError, unreadable
 from pacnet.datasets.pictures.decoders import import_decoder
@@ -29,31 +30,11 @@ class VideoFile:
         """Open a file.
 
         Raises:
-            DepthPictures: it shows distances.
-            DatasetError: PyAV is not installed, or the file cannot be read or decoded.
+            MissingDecoder: PyAV is not installed.
+            DatasetError: the file cannot be read or decoded.
         """
-        self._av, self._path = import_decoder("av"), path
-        try:
-            self._container = self._av.open(
-                f"file:{path}",
-                format="mp4",
-                options={"protocol_whitelist": "file"},
-                metadata_errors="ignore",
-            )
-        except (self._av.FFmpegError, OSError) as error:
-            raise unreadable(path, error) from error
-        try:
-            self._stream = self._checked_stream()
-        except BaseException:
-            self.close()
-            raise
-        self._stream.thread_type = "AUTO"  # as many threads as there are cores
-        self._base = float(self._stream.time_base)  # s
-        self._begin = (self._stream.start_time or 0) * self._base  # s
-        self._decoded = self._decode()
-        self._ahead: tuple[float, Any] | None = None  # decoded for the next clip
-        self._time = 0.0  # s, of the last frame
-        self._problem = ""
+        self._av, self._path, self._problem = import_decoder("av"), path, ""
+        self._open("AUTO")  # as many threads as there are cores
 
     def close(self) -> None:
         """Close the file."""
@@ -70,20 +51,54 @@ class VideoFile:
             fps: frames per second [1/s].
 
         Raises:
-            DatasetError: the file cannot be searched, or a picture is too large.
+            DepthPictures: it shows distances.
+            DatasetError: the file cannot be searched, a frame cannot be decoded, or is too large.
         """
         nearest = np.full(length, np.inf)
+        yield from self._nearer(nearest, start, fps)
+        if self._problem and not np.isfinite(nearest).all():
+            self.close()
+            self._open("NONE")  # threads also lose sound frames beside a damaged one
+            yield from self._nearer(nearest, start, fps)
+        if self._problem and not np.isfinite(nearest).all():
+            raise unreadable(self._path, self._problem)
+
+    def _open(self, threads: str) -> None:
+        """Open the file at its beginning."""
+        try:
+            self._container = self._av.open(
+                f"file:{self._path}",
+                format="mp4",
+                options={"protocol_whitelist": "file"},
+                metadata_errors="ignore",
+            )
+        except (self._av.FFmpegError, OSError) as error:
+            raise unreadable(self._path, error) from error
+        try:
+            self._stream = self._checked_stream()
+        except BaseException:
+            self.close()
+            raise
+        self._stream.thread_type = threads
+        self._base = float(self._stream.time_base)  # s
+        self._begin = (self._stream.start_time or 0) * self._base  # s
+        self._decoded, self._problem = self._decode(), ""
+        self._ahead: tuple[float, Any] | None = None  # decoded for the next clip
+        self._time = 0.0  # s, of the last frame
+
+    def _nearer(
+        self, nearest: NDArray[np.float64], start: float, fps: float
+    ) -> Iterator[tuple[int, Pictures]]:
+        """Yield frames that are nearer to their moments than those before, and say how near."""
         for time, frame in self._from(start, 1 / fps):
             place = (time - start) * fps
             number = round(place)
-            if number >= length:
+            if number >= len(nearest):
                 self._ahead = time, frame
                 return
             if number >= 0 and abs(place - number) < nearest[number]:
                 nearest[number] = abs(place - number)
                 yield number, self._picture(frame)
-        if self._problem and not np.isfinite(nearest).all():
-            raise unreadable(self._path, self._problem)
 
     def _checked_stream(self) -> Any:
         """Return the stream of pictures."""
@@ -93,11 +108,8 @@ class VideoFile:
         context = streams[0].codec_context
         if context is None:
             raise unreadable(self._path, "no decoder for its codec is installed")
-        form = context.format
-        if form is None or not context.width:
+        if context.format is None or not context.width:
             raise unreadable(self._path, f"no picture of its codec {context.name} can be decoded")
-        if len(form.components) == 1 and form.components[0].bits > _EIGHT_BITS:
-            raise DepthPictures(f"{self._path} shows distances ({form.name})")
         return streams[0]
 
     def _from(self, start: float, step: float) -> Iterator[tuple[float, Any]]:
@@ -135,4 +147,7 @@ class VideoFile:
                 f"{self._path}: expected sides up to {LARGEST_SIDE} pixels, found "
                 f"{frame.width}x{frame.height}"
             )
+        channels = frame.format.components
+        if len(channels) == 1 and channels[0].bits > _EIGHT_BITS:
+            raise DepthPictures(f"{self._path} shows distances ({frame.format.name})")
         return reduce(frame.to_ndarray(format="rgb24"))
