@@ -8,10 +8,11 @@ from pacnet.core.validation import check_fields, is_integer, is_number
 
 PATCHES, PCA, NONE = "patches", "pca", "none"
 BUILT_IN = (PATCHES, PCA, NONE)
-OUTSIDE = ("torchvision:", "timm:", "hf:", "file:")
+CUSTOM = "custom:"
+OUTSIDE = ("torchvision:", "timm:", "hf:", "file:", CUSTOM)
 """Beginnings of the names of encoders with weights of others."""
 _LARGEST = 4096  # pixels of a side
-_MOST = 65_536  # numbers
+_MOST = 1_048_576  # numbers
 
 
 @dataclass(frozen=True)

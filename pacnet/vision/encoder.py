@@ -64,6 +64,7 @@ class ImageEncoder(nn.Module):
         if config.kind == PATCHES:
             self.seen = Patches(config.patch)
         elif config.kind != NONE:
+            backbone_of(config)  # one that is not there is told now, not at the first picture
             self.seen = Projection(config.features)
         self.register_buffer("centre", torch.zeros(outputs))
         self.register_buffer("quality", torch.tensor([0.0, 0.0, 1.0]))

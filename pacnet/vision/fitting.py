@@ -150,7 +150,9 @@ def _fitted(
     fps: float,
 ) -> ImageEncoder:
     height, width = shown[0][1].shape[1:3]
-    features, digest = (0, None) if kind in (NONE, PATCHES) else features_of(kind)
+    features, digest = (0, None)
+    if kind not in (NONE, PATCHES):
+        features, digest = features_of(kind, height, width)
     patch = max(3, round(_PATCH * max(height, width)))
     encoder = ImageEncoder(
         ImageEncoderConfig(
