@@ -12,7 +12,6 @@ from torch import Tensor, nn
 
 from pacnet.core.drafts import snapshot_of
 from pacnet.core.integrity import check_on_load, part_of
-from pacnet.datasets.pictures import reduce
 from pacnet.datasets.records import Demonstration, Demonstrations
 from pacnet.vision.cameras_config import CamerasConfig
 from pacnet.vision.encoder import ImageEncoder
@@ -67,6 +66,8 @@ class Cameras(nn.Module):
         Raises:
             ValueError: a camera is missing, or its picture is none, or of another aspect.
         """
+        from pacnet.datasets.pictures import reduce  # imports numba
+
         if not isinstance(pictures, Mapping):
             got = "none" if pictures is None else type(pictures).__name__
             raise ValueError(f"expected pictures of {', '.join(self.features)}, got {got}")
