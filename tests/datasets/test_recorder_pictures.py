@@ -176,9 +176,7 @@ def test_what_is_no_picture_is_refused(tmp_path: Path, name: str, got: object):
         with pytest.raises(ValueError, match=r"expected 'observation.images.top' as uint8|as many"):
             recorder.save_episode("look", episode(0) | {name: got})
         frame = {key: rows[0] for key, rows in episode(0).items()}
-        with pytest.raises(
-            ValueError, match=rf"frame 0: expected '{TOP}' as uint8"
-        ):
+        with pytest.raises(ValueError, match=rf"frame 0: expected '{TOP}' as uint8"):
             recorder.add_frame(frame | {name: np.zeros((3, 64, 96), np.uint8)})
     assert not (tmp_path / "new").exists()
 

@@ -23,7 +23,6 @@ from pacnet.datasets.format.paths import VIDEO_PATH
 from pacnet.datasets.format.shades import Found, checked, joined
 from pacnet.datasets.journal.episode_file import read_episode
 from pacnet.datasets.journal.staging import Stage
-from pacnet.datasets.journal.video_files import VideoFiles
 
 _SLOW = 2  # s, after which a bar shows how far it is
 _LEVEL = np.zeros((3, 1, 1))
@@ -88,6 +87,8 @@ def _stage_camera(
     progress: Callable[[int], object],
 ) -> list[Found]:
     """Write a camera's new files, and return the statistics of each new episode."""
+    from pacnet.datasets.journal.video_files import VideoFiles  # which imports numba
+
     entry, parts = dataset.info["features"][camera], []
     with VideoFiles(
         dataset.info,
