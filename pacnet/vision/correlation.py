@@ -2,7 +2,8 @@
 
 At each place the patch and the picture's part, both less their mean in each colour, are multiplied
 and divided by their norms (zero-mean normalised cross-correlation): 1 where they are the same, also
-where the light is another. A parabola through the peak and its neighbours gives the fraction.
+where the light is another. A quadratic through the peak and its eight neighbours gives the
+fraction. It may be slanted: parabolas down and right alone are wrong by twice as much.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from torch.nn import functional
 _LEAST = 1e-4  # square of the norm of a part without contrast
 _BESIDE = 4  # pixels from the peak: farther, another peak is another place
 _AT_ONCE = 8  # pictures
+_SLANT = 0.9  # of what a peak may be slanted by
+_BEYOND = 0.75  # pixels from the highest value to the peak, at most
 
 
 class Found(NamedTuple):
@@ -73,21 +76,38 @@ def _find(pictures: Tensor, patches: Tensor) -> Found:
     flat = alike.flatten(2)
     scores, at = flat.max(dim=2)
     row, column = at // columns, at % columns
-    down = _fraction(flat, row, rows, at, columns)
-    right = _fraction(flat, column, columns, at, 1)
-    place = torch.stack([row + down, column + right], dim=2)
+    place = torch.stack([row, column], dim=2) + _fraction(flat, row, column, (rows, columns))
     return Found(place, scores, scores - _second(alike, row, column))
 
 
-def _fraction(flat: Tensor, index: Tensor, length: int, at: Tensor, step: int) -> Tensor:
-    """Return by how much of a pixel the peak lies beyond its index along one axis, `[N, K]`."""
-    inside = (index > 0) & (index < length - 1)
-    middle = torch.where(inside, at, at.clamp(step, flat.shape[2] - 1 - step))
-    before, here, after = (
-        flat.gather(2, (middle + offset)[..., None])[..., 0] for offset in (-step, 0, step)
+def _fraction(flat: Tensor, row: Tensor, column: Tensor, size: tuple[int, int]) -> Tensor:
+    """Return by how much of a pixel peaks lie beyond their row and column, `[N, K, 2]`.
+
+    At the border of a picture, and where there is no other row or column, it is 0 that way.
+    """
+    down = size[1] * ((row > 0) & (row < size[0] - 1))  # to the next row in memory
+    right = ((column > 0) & (column < size[1] - 1)).long()
+    at = row * size[1] + column
+
+    def value(rows: int, columns: int) -> Tensor:
+        return flat.gather(2, (at + rows * down + columns * right)[..., None])[..., 0]
+
+    here = value(0, 0)
+    slope_down, slope_right = (value(1, 0) - value(-1, 0)) / 2, (value(0, 1) - value(0, -1)) / 2
+    bend_down = (value(1, 0) - 2 * here + value(-1, 0)).clamp(max=-1e-6)
+    bend_right = (value(0, 1) - 2 * here + value(0, -1)).clamp(max=-1e-6)
+    slant = (value(1, 1) - value(1, -1) - value(-1, 1) + value(-1, -1)) / 4
+    most = _SLANT * (bend_down * bend_right).sqrt()  # more, and it is a saddle
+    slant = torch.minimum(torch.maximum(slant, -most), most)
+    shrunk = bend_down * bend_right - slant.square()
+    beyond = torch.stack(
+        [
+            (slant * slope_right - bend_right * slope_down) / shrunk,
+            (slant * slope_down - bend_down * slope_right) / shrunk,
+        ],
+        dim=2,
     )
-    bend = (before - 2 * here + after).clamp(max=-1e-6)
-    return torch.where(inside, ((before - after) / (2 * bend)).clamp(-0.5, 0.5), 0.0)
+    return beyond.clamp(-_BEYOND, _BEYOND)
 
 
 def _second(alike: Tensor, row: Tensor, column: Tensor) -> Tensor:
