@@ -13,13 +13,11 @@ from torch import Tensor, nn
 from pacnet.core.drafts import snapshot_of
 from pacnet.core.integrity import check_on_load, part_of
 from pacnet.datasets.records import Demonstration, Demonstrations
-from pacnet.vision.cameras_config import CamerasConfig
+from pacnet.vision.cameras_config import CAMERAS, CamerasConfig
 from pacnet.vision.encoder import ImageEncoder
 from pacnet.vision.goals import goals_of
 from pacnet.vision.sight import Seen, Sight
 
-FEATURE = "cameras"
-"""What the goals are called as a feature of a percept."""
 _AT_BEGINNING, _BEGINNING = 3, 0.1  # frames, and [s], with which an episode begins
 _ON_THE_WAY = 0.15  # share of an episode
 Hands = Sequence[NDArray[np.floating]]
@@ -145,7 +143,7 @@ class Cameras(nn.Module):
     ) -> Demonstrations:
         """Return demonstrations with these episodes, and the goals among the percepts' features."""
         action = demonstrations.action_features
-        names = {**demonstrations.percept_features, FEATURE: self.config.names}
+        names = {**demonstrations.percept_features, CAMERAS: self.config.names}
         names |= {name: demonstrations.names[name] for name in action}
         return replace(
             demonstrations,
