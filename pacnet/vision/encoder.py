@@ -113,10 +113,11 @@ class ImageEncoder(nn.Module):
         """Fit to the demonstrations shown; fewer than three tell nothing but their mean."""
         rows = torch.linspace(0, len(self.shown) - 1, min(_MOST, len(self.shown))).round().long()
         goals = self.shown.live("goals")[rows].double()
-        self.centre = goals.mean(dim=0).float()
+        self.centre = (goals.sum(dim=0) / max(1, len(goals))).to(self.centre)
         alone = _distance(left_out_of_mean(goals)) if len(goals) > 1 else 0.0
-        self.quality = torch.tensor([alone, alone, 1.0])
+        self.quality = self.quality.new_tensor([alone, alone, 1.0])
         if self.seen is None or len(goals) < LEAST:
+            self.weights.select(torch.empty(0, dtype=torch.int64))
             return
         pictures, later = (self.shown.live(name)[rows] for name in ("picture", "later"))
         scale = (goals - goals.mean(dim=0)).square().mean().sqrt().clamp(min=1e-12)
@@ -126,9 +127,9 @@ class ImageEncoder(nn.Module):
             features, choice = self.seen.fit(self._features(pictures), goals / scale)
         mean, weight, centre = fit(features, goals, choice.ridge)
         self.weights.replace({"mean": mean, "weight": weight})
-        self.centre = centre.float()
+        self.centre = centre.to(self.centre)
         error = _distance(left_out(features, goals, choice.ridge))
-        self.quality = torch.tensor([error, alone, choice.chance])
+        self.quality = self.quality.new_tensor([error, alone, choice.chance])
 
     def _features(self, pictures: Tensor) -> Tensor:
         return backbone_of(self.config)(pictures)
@@ -141,7 +142,7 @@ class ImageEncoder(nn.Module):
         shown = picture if isinstance(self.seen, Patches) else self._features(picture[None])[0]
         features, doubt, boxes = self.seen.describe(shown)
         mean, weight = self.weights.live("mean"), self.weights.live("weight")
-        goals = (features[: len(mean)].float() - mean) @ weight + self.centre
+        goals = (features[: len(mean)].to(mean) - mean) @ weight + self.centre
         shown_goals = self.shown.live("goals")
         lowest, highest = shown_goals.amin(dim=0), shown_goals.amax(dim=0)
         span = highest - lowest
@@ -166,6 +167,7 @@ class ImageEncoder(nn.Module):
             {
                 "errors ≥ 0": bool((quality >= 0).all() and quality.isfinite().all()),
                 "finite weights": all(bool(one.isfinite().all()) for one in weights),
+                "weights of what is seen": len(weights[0]) == 0 or _fits(len(weights[0]), tensors),
                 "finite goals": all(
                     bool(tensors[name].isfinite().all()) for name in ("centre", "shown.goals")
                 ),
@@ -174,6 +176,14 @@ class ImageEncoder(nn.Module):
                 ),
             }
         )
+
+
+def _fits(weights: int, tensors: Mapping[str, Tensor]) -> bool:
+    """Return whether so many weights are of what is seen, in demonstrations that were shown."""
+    patches, components = (tensors.get(f"seen.rows.{name}") for name in ("patch", "component"))
+    of_patches = patches is not None and weights == 2 * len(patches)
+    of_components = components is not None and weights <= len(components)
+    return (of_patches or of_components) and len(tensors["shown.demonstration"]) > 0
 
 
 def _distance(errors: Tensor) -> float:

@@ -20,7 +20,7 @@ TOP, SIDE = "observation.images.top", "observation.images.side"
 FPS = 20
 HEIGHT, WIDTH = 48, 64
 RADIUS = 3.5  # pixels
-RED, BLUE = (220, 40, 40), (30, 60, 210)
+RED, DARK = (220, 40, 40), (25, 25, 35)  # of the disc, and of the hand
 START = np.array([0.5, 0.05])  # of the hand
 FASTEST = 0.8  # [m/s]
 NAMES = {"observation.state": ("hand.x", "hand.y"), "action": ("hand.x", "hand.y")}
@@ -49,13 +49,15 @@ def draw_disc(picture: NDArray[np.floating], place, colour=RED, radius: float = 
     picture[:] = (1 - inside) * picture + inside * np.array(colour)
 
 
-def picture_of(disc=None, *, noise: float = 2.0, light: float = 1.0, seed: int = 0) -> Picture:
-    """A picture of the table with a disc, or without one."""
+def picture_of(disc=None, hand=START, *, noise: float = 2.0, seed: int = 0) -> Picture:
+    """A picture of the table with the hand and a disc, which it hides, or without a disc."""
     picture = table().astype(np.float64)
     if disc is not None:
         draw_disc(picture, disc)
+    if hand is not None:
+        draw_disc(picture, hand, DARK)
     grain = np.random.default_rng(seed).normal(0, noise, picture.shape)
-    return np.clip(light * picture + grain, 0, 255).astype(np.uint8)
+    return np.clip(picture + grain, 0, 255).astype(np.uint8)
 
 
 def places(count: int, seed: int) -> NDArray[np.float64]:
@@ -71,21 +73,36 @@ def path_to(goal: NDArray[np.floating]) -> NDArray[np.float32]:
     return (START + share[:, None] * way).astype(np.float32)
 
 
-def demonstrate(disc: NDArray[np.floating], episode: int = 0, camera: str = TOP) -> Demonstration:
-    """The hand goes to the disc, which stays; its action is the place to be at next."""
-    path = torch.from_numpy(path_to(disc))
-    seen = [picture_of(disc, seed=100 * episode + frame) for frame in range(len(path))]
-    action = torch.cat([path[1:], path[-1:]])
-    nothing = torch.empty(len(path), 0)
-    return Demonstration(
-        episode, "go there", path, nothing, action, pictures={camera: np.stack(seen)}
-    )
+def film(disc: NDArray[np.floating], path: NDArray[np.floating], seed: int) -> Picture:
+    """What the camera sees while the hand moves, `[T, H, W, 3]`."""
+    return np.stack([picture_of(disc, at, seed=1000 * seed + n) for n, at in enumerate(path)])
+
+
+def demonstrate(
+    disc: NDArray[np.floating], episode: int = 0, cameras: tuple[str, ...] = (TOP,)
+) -> Demonstration:
+    """The hand goes to the disc, which stays; its action is the place to be at next.
+
+    The camera at the side sees the table alone.
+    """
+    path = path_to(disc)
+    seen = {TOP: film(disc, path, episode)}
+    seen[SIDE] = np.stack([picture_of(None, None, seed=n) for n in range(len(path))])
+    state, nothing = torch.from_numpy(path), torch.empty(len(path), 0)
+    action = torch.cat([state[1:], state[-1:]])
+    pictures = {camera: seen[camera] for camera in cameras}
+    return Demonstration(episode, "go there", state, nothing, action, pictures=pictures)
 
 
 def shown(*episodes: Demonstration) -> Demonstrations:
     return Demonstrations(FPS, NAMES, episodes, "discs")
 
 
-def demonstrations(count: int, seed: int = 0) -> Demonstrations:
+def demonstrations(count: int, seed: int = 0, cameras: tuple[str, ...] = (TOP,)) -> Demonstrations:
     """Demonstrations with the disc elsewhere each time."""
-    return shown(*(demonstrate(disc, n) for n, disc in enumerate(places(count, seed))))
+    where = enumerate(places(count, seed))
+    return shown(*(demonstrate(disc, number, cameras) for number, disc in where))
+
+
+def hands_of(demonstrations: Demonstrations) -> list[NDArray[np.float32]]:
+    return [shown.state.numpy() for shown in demonstrations]

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 import torch
-from discs import HEIGHT, WIDTH, demonstrations, picture_of, places
+from discs import HEIGHT, WIDTH, demonstrations, hands_of, picture_of, places
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.vision import Cameras, ImageEncoder, ImageEncoderConfig, register_backbone
 from pacnet.vision.backbones import features_of
 from pacnet.vision.fitting import fit_cameras
@@ -49,10 +48,6 @@ class Bottom(nn.Module):
 def edges(seed: int = 0) -> nn.Module:
     torch.manual_seed(seed)
     return nn.Conv2d(3, 4, 5, stride=4)
-
-
-def hands_of(demonstrations: Demonstrations) -> list:
-    return [shown.state.numpy() for shown in demonstrations]
 
 
 def fitted(kind: str, count: int = 6) -> Cameras:
