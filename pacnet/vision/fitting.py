@@ -35,6 +35,7 @@ _CLEARLY = 0.8  # of the error of patches: less than that, eigenimages tell more
 _LOOKS = 16  # times in an episode at which it is tried whether the hand is in the way
 _EARLY = 0.2  # share of the demonstrations in which it may be in the way sooner
 _OFF = 3.0  # times the error when left out: farther, what is told is wrong
+_SMALLEST = 8  # pixels of a side
 _PATCH = 7 / 128  # of the picture's longer side
 
 
@@ -109,7 +110,7 @@ def _tells(encoder: ImageEncoder) -> bool:
 
 
 def _everywhere(episodes: Sequence[Demonstration]) -> tuple[str, ...]:
-    """Return the cameras that all episodes have, with pictures of one size."""
+    """Return the cameras that all episodes have, with pictures of one size that is not tiny."""
     if not episodes:
         return ()
     return tuple(
@@ -119,6 +120,7 @@ def _everywhere(episodes: Sequence[Demonstration]) -> tuple[str, ...]:
             {one.pictures[feature].shape[1:] if feature in one.pictures else () for one in episodes}
         )
         == 1
+        and min(episodes[0].pictures[feature].shape[1:3]) >= _SMALLEST
     )
 
 

@@ -66,7 +66,7 @@ def choose(groups: Tensor, penalties: Tensor, goals: Tensor, most: int) -> Choic
     scale = left_out_of_mean(goals).square().mean().clamp(min=1e-30)
     best, ridge = _best_single(groups, penalties, goals, scale)
     chosen, error = [int(best.argmin())], float(best.min())
-    chance = _chance(groups, penalties, goals, scale, ridge, error)
+    chance = _chance(groups, penalties, goals, scale, error)
     while len(chosen) < most:
         sets = [groups[chosen].transpose(0, 1).flatten(1).expand(len(groups), -1, -1), groups]
         errors = _relative(torch.cat(sets, dim=2), goals, ridge, scale) + penalties
@@ -96,16 +96,20 @@ def _best_single(
     return errors[ridge], ridge
 
 
-def _chance(
-    groups: Tensor, penalties: Tensor, goals: Tensor, scale: Tensor, ridge: float, error: float
-) -> float:
-    """Return the share of permutations of the goals that some group foretells as well."""
+def _chance(groups: Tensor, penalties: Tensor, goals: Tensor, scale: Tensor, error: float) -> float:
+    """Return the share of permutations of the goals that some group foretells as well.
+
+    The group and the ridge are chosen anew each time, as they were for the goals.
+    """
     generator = torch.Generator().manual_seed(0)
     orders = [torch.randperm(len(goals), generator=generator) for _ in range(PERMUTATIONS)]
     permuted = torch.cat([goals[order] for order in orders], dim=1)
-    squares = left_out(groups, permuted, ridge).square().mean(dim=-2)  # [K, P · m]
-    errors = squares.unflatten(-1, (PERMUTATIONS, -1)).mean(dim=-1) / scale + penalties[:, None]
-    as_good = (errors.min(dim=0).values <= error).sum().item()
+    best = goals.new_full((PERMUTATIONS,), np.inf)
+    for ridge in RIDGES:
+        squares = left_out(groups, permuted, ridge).square().mean(dim=-2)  # [K, P · m]
+        errors = squares.unflatten(-1, (PERMUTATIONS, -1)).mean(dim=-1) / scale
+        best = torch.minimum(best, (errors + penalties[:, None]).min(dim=0).values)
+    as_good = (best <= error).sum().item()
     return (1 + as_good) / (1 + PERMUTATIONS)
 
 

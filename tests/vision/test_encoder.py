@@ -194,7 +194,7 @@ def test_hundreds_of_demonstrations_are_fitted_in_a_moment():
     for number in range(300):
         encoder.add(picture + (number % 7), picture, torch.full((8,), float(number)), number)
     encoder.refit()
-    assert encoder.centre[0].item() == pytest.approx(149.5, abs=0.5)
+    assert encoder.readout.centre[0].item() == pytest.approx(149.5, abs=0.5)
 
 
 def test_the_way_is_what_is_left_to_the_goals():
@@ -230,11 +230,13 @@ def corrupted(encoder: ImageEncoder, name: str, value: float) -> dict[str, Tenso
 @pytest.mark.parametrize(
     ("kind", "name", "value"),
     [
-        ("patches", "centre", float("nan")),
+        ("patches", "readout.centre", float("nan")),
+        ("patches", "readout.lowest", float("inf")),
+        ("patches", "readout.inputs.scale", 0.0),
         ("patches", "quality", -1.0),
         ("patches", "quality", float("inf")),
-        ("patches", "weights.weight", float("nan")),
-        ("patches", "weights.mean", float("inf")),
+        ("patches", "readout.terms.weight", float("nan")),
+        ("patches", "readout.terms.mean", float("inf")),
         ("patches", "shown.goals", float("nan")),
         ("patches", "shown.demonstration", 3),
         ("patches", "shown.demonstration", -1),
@@ -261,15 +263,10 @@ def test_weights_of_other_features_than_are_seen_are_refused(kind: str):
     """A step would fail, or read past them."""
     encoder = copy.deepcopy(fitted(kind, 12))
     more = dict(encoder.state_dict())
-    for name in ("weights.mean", "weights.weight"):
-        more[name] = torch.cat([more[name]] * 8)
-    nothing_shown = {
-        name: tensor[:0] if name.startswith("shown.") else tensor
-        for name, tensor in encoder.state_dict().items()
-    }
-    for tensors in (more, nothing_shown):
-        with pytest.raises(ValueError, match="expected weights of what is seen"):
-            encoder.load_state_dict(tensors)
+    for name in ("inputs.mean", "inputs.scale", "terms.mean", "terms.weight"):
+        more[f"readout.{name}"] = torch.cat([more[f"readout.{name}"]] * 8)
+    with pytest.raises(ValueError, match=r"expected (inputs that are seen|terms of the features)"):
+        encoder.load_state_dict(more)
 
 
 @pytest.mark.parametrize("kind", TELLING)
