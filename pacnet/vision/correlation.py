@@ -76,8 +76,43 @@ def find(pictures: Tensor, patches: Tensor) -> Found:
     return Found(*map(torch.cat, zip(*found, strict=True)))
 
 
+def find_within(
+    picture: Tensor, patches: Tensor, low: Tensor, high: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Find patches in one picture, each where it is looked for; return places and scores.
+
+    Args:
+        picture: `[1, 3, h, w]`.
+        patches: `[K ≥ 1, 3, size, size]`.
+        low: the least row and column of each one's upper left corner [pixels], `[K, 2]`.
+        high: the largest.
+
+    Returns:
+        The rows and columns `[K, 2]`, and the correlations there `[K]`.
+    """
+    size = patches.shape[-1]
+    most = low.new_tensor([side - size for side in picture.shape[2:]])
+    first, last = (torch.minimum(one.clamp(min=0), most) for one in (low.floor(), high.ceil()))
+    (top, left), (bottom, right) = first.amin(0).long().tolist(), last.amax(0).long().tolist()
+    alike = _alike(picture[:, :, top : bottom + size, left : right + size], patches)
+    rows, columns = torch.arange(top, bottom + 1), torch.arange(left, right + 1)
+    down = (rows >= first[:, :1]) & (rows <= last[:, :1])
+    across = (columns >= first[:, 1:]) & (columns <= last[:, 1:])
+    within = down[:, :, None] & across[:, None]
+    scores, at = alike.masked_fill(~within, -1.0).flatten(2).max(dim=2)
+    row, column = at // len(columns), at % len(columns)
+    place = torch.stack([row + top, column + left], dim=2)
+    beyond = _fraction(alike.flatten(2), row, column, (len(rows), len(columns)))
+    return (place + beyond)[0], scores[0]
+
+
+def _alike(pictures: Tensor, patches: Tensor) -> Tensor:
+    """Return the correlation with each patch at each place, `[N, K, h', w']`."""
+    return functional.conv2d(pictures, patches) / contrast(pictures, patches.shape[-1])
+
+
 def _find(pictures: Tensor, patches: Tensor) -> Found:
-    alike = functional.conv2d(pictures, patches) / contrast(pictures, patches.shape[-1])
+    alike = _alike(pictures, patches)
     rows, columns = alike.shape[2:]
     flat = alike.flatten(2)
     scores, at = flat.max(dim=2)

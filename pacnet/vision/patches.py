@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.core.integrity import check_conditions, check_on_load, check_structure
-from pacnet.vision.correlation import Found, as_tensor, contrast, find, patches_at
+from pacnet.vision.correlation import Found, as_tensor, contrast, find, find_within, patches_at
 from pacnet.vision.regression import Choice, choose
 
 CANDIDATES = 160  # patches that are tried
@@ -100,28 +100,14 @@ class Patches(nn.Module):
 
     def describe(self, picture: Tensor) -> Description:
         """Return what is seen in one picture, uint8 `[h, w, 3]`."""
-        seen = as_tensor(picture[None])
-        low, high = self.rows.live("low"), self.rows.live("high")
-        places, scores = [], []
-        for number, patch in enumerate(self.rows.live("patch")):
-            part, corner = self._part(seen, low[number], high[number])
-            found = find(part, patch[None])
-            places.append(found.places[0, 0] + corner)
-            scores.append(found.scores[0, 0])
-        place = torch.stack(places)
-        doubt = ((1 - torch.stack(scores)) / self.rows.live("worst")).max().item()
+        seen, rows = as_tensor(picture[None]), self.rows
+        bounds = rows.live("low"), rows.live("high")
+        place, scores = find_within(seen, rows.live("patch").float(), *bounds)
+        doubt = ((1 - scores) / rows.live("worst")).max().item()
         boxes = tuple(
             (column, row, column + self.size, row + self.size) for row, column in place.tolist()
         )
         return Description(place.double().flatten() / max(seen.shape[2:]), doubt, boxes)
-
-    def _part(self, seen: Tensor, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the part of pictures `[1, 3, h, w]` in which a patch may be, and its corner."""
-        most = torch.tensor([side - self.size for side in seen.shape[2:]], dtype=torch.float32)
-        first = torch.minimum(low.floor().clamp(min=0), most).long()
-        last = torch.minimum(high.ceil().clamp(min=0), most).long()
-        (top, left), (bottom, right) = first.tolist(), last.tolist()
-        return seen[:, :, top : bottom + self.size, left : right + self.size], first.float()
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
