@@ -81,7 +81,7 @@ class ImageEncoder(nn.Module):
 
     @torch.no_grad()
     def add(self, picture: Tensor, later: Tensor, goals: Tensor, demonstration: int) -> None:
-        """Keep the picture at the beginning of a demonstration; `refit` makes use of it.
+        """Keep the picture at the beginning of a demonstration; `fit` makes use of it.
 
         Args:
             picture: uint8 `[h, w, 3]`.
@@ -93,19 +93,11 @@ class ImageEncoder(nn.Module):
         self.shown.append(row)
 
     def forget(self) -> None:
-        """Forget which demonstrations were shown; what was fitted to them stays until `refit`."""
+        """Forget which demonstrations were shown; what was fitted to them stays."""
         self.shown.select(torch.empty(0, dtype=torch.int64))
 
-    def shown_state(self) -> dict[str, Tensor]:
-        """Return a copy of what was shown."""
-        return self.shown.state_dict()
-
-    def has_shown(self, state: Mapping[str, Tensor]) -> bool:
-        """Return whether just this was shown; see `shown_state`."""
-        return all(torch.equal(self.shown.live(name), column) for name, column in state.items())
-
     @torch.no_grad()
-    def refit(self) -> None:
+    def fit(self) -> None:
         """Fit to the demonstrations shown; fewer than three tell nothing but their mean."""
         rows = torch.linspace(0, len(self.shown) - 1, min(_MOST, len(self.shown))).round().long()
         goals = self.shown.live("goals")[rows].double()
