@@ -6,6 +6,7 @@ Every file is complete or absent. Several runs may write into one folder.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +27,8 @@ class Cell:
         demonstrations: how many.
         learner: out of `LEARNERS`.
         view: how places are perceived.
+        sight: what is different in the pictures that a camera takes, out of `camera.SIGHTS`; '' for
+            nothing, and without a camera.
     """
 
     task: str
@@ -33,12 +36,14 @@ class Cell:
     demonstrations: int
     learner: str
     view: View = field(default_factory=View)
+    sight: str = ""
 
     @property
     def file(self) -> str:
         """Name of its file."""
         seen = str(self.view).replace(", ", "-").replace(" ", "")
-        parts = (self.task, str(self.draw), str(self.demonstrations), self.learner, seen)
+        numbers = str(self.draw), str(self.demonstrations)
+        parts = (self.task, *numbers, self.learner, seen, self.sight)
         return "-".join(part for part in parts if part) + ".json"
 
 
@@ -54,6 +59,12 @@ class Result(NamedTuple):
     """Time to learn all demonstrations [s]."""
     step_us: float
     """Median time of a step of the learner [µs]."""
+    first_held: Sequence[int] = ()
+    """The first step without an action of each episode seen by a camera; 0 for none."""
+    reached: Sequence[int] = ()
+    """The first step at which the hand was where the object stood at the beginning; 0 for none."""
+    note: str = ""
+    """What a learner tells of what it learned."""
 
     @property
     def success(self) -> float:
