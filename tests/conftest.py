@@ -1,6 +1,7 @@
-"""What several test modules need: processes to be killed."""
+"""What several test modules need: processes to be killed, and a cache of their own."""
 
 import multiprocessing
+from collections.abc import Iterator
 from multiprocessing.context import ForkServerContext
 
 import pytest
@@ -15,3 +16,11 @@ def forks() -> ForkServerContext:
         ["pytest", "pyarrow.parquet", "pacnet.datasets", "pacnet.network"]
     )
     return context
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep decoded pictures out of the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PACNET_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield

@@ -22,7 +22,6 @@ from pacnet.datasets.feature_choice import (
 )
 from pacnet.datasets.format import DatasetError, DatasetWarning, MissingFeature
 from pacnet.datasets.format.angles import find_wraps
-from pacnet.datasets.format.images import Encoder, encode_images
 from pacnet.datasets.format.info import INFO, is_rate, read_info
 from pacnet.datasets.format.numbers import numbers_text
 from pacnet.datasets.format.times import find_gaps
@@ -32,6 +31,8 @@ from pacnet.datasets.records import ACTION, Demonstration, Demonstrations, dimen
 # What imports pyarrow, 0.2 s, is imported where it is used.
 if TYPE_CHECKING:
     from pacnet.datasets.format.episodes import Episodes
+    from pacnet.datasets.pictures.camera_choice import CameraChoice
+    from pacnet.datasets.pictures.footage import Pictures
 
 __all__ = [
     "ACTION", "ENVIRONMENT_STATE", "STATE", "Demonstration", "Demonstrations", "dimension_names",
@@ -45,7 +46,7 @@ def load_demonstrations(
     state: Choice = STATE,
     environment_state: Choice = ENVIRONMENT_STATE,
     action: Choice = ACTION,
-    encoders: Mapping[str, Encoder] | None = None,
+    cameras: CameraChoice | None = None,
     episodes: Iterable[int] | None = None,
     exclude: Iterable[int] = (),
     only_where: str | None = None,
@@ -56,13 +57,14 @@ def load_demonstrations(
     Where the files contradict one another the frames count, and a `DatasetWarning` says so. The
     same tells of gaps in time, across which `Imitator` does not learn, and of angles that wrap.
 
-    Images are skipped unless they have encoders. Encoding them needs LeRobot, which decodes them.
+    Pictures are read only of the cameras asked for; PyAV and Pillow decode them, and they are kept
+    in a cache.
 
     Example:
         ```python
         demonstrations = load_demonstrations("drinking", environment_state=None)
         demonstrations = load_demonstrations("drinking", state=["arm", "hand"], exclude=[3])
-        demonstrations = load_demonstrations("drinking", encoders={"observation.images.top": net})
+        demonstrations = load_demonstrations("drinking", cameras="all")  # or ["top", "wrist"]
         ```
 
     Args:
@@ -73,9 +75,9 @@ def load_demonstrations(
         environment_state: the same for `Demonstration.environment_state`; a dataset may lack the
             default one.
         action: the same for `Demonstration.action`.
-        encoders: image or video feature -> function that turns one of its images, a tensor
-            `[channels, height, width]` from 0 to 1, into a vector `[F]`. The vectors become
-            `Demonstration.encoded`.
+        cameras: features of images or videos that become `Demonstration.pictures`, or the last
+            parts of their names; "all" for all that can be read, and a `DatasetWarning` about
+            others; None for none.
         episodes: indices of the episodes to read; None for all.
         exclude: indices of episodes to leave out.
         only_where: boolean feature; only frames where it is true are read, and each run of them
@@ -90,9 +92,9 @@ def load_demonstrations(
         MissingFeature: a feature is missing; the message names the vectors that there are.
         DatasetError: the folder or one of its files is missing or damaged, the format is another
             one, a recording into it is running or was killed, a feature is not a vector of
-            numbers, an episode asked for is not there, or a value is not finite.
-        ValueError: a feature is given twice, or none for percepts; or an encoder is for a feature
-            that is no image or video, or its vectors are not finite or not of one length.
+            numbers, an episode asked for is not there, a value is not finite, or a camera or its
+            pictures cannot be read.
+        ValueError: a feature is given twice, or none for percepts.
     """
     from pacnet.datasets.format.episodes import read_episodes
     from pacnet.datasets.format.selection import Selection
@@ -106,8 +108,8 @@ def load_demonstrations(
     selection = Selection.of(episodes, exclude, skip_damaged)
     where = () if only_where is None else (only_where,)
     features = choose_features([*info["features"]], *choice)
-    if not features.percepts and not encoders:
-        raise ValueError("expected a state, an environment state or encoded images, got none")
+    if not features.percepts and cameras is None:
+        raise ValueError("expected a state, an environment state or cameras, got none")
     try:
         read = read_episodes(root, info, features.and_also(*where), selection)
     except MissingFeature as error:
@@ -122,19 +124,14 @@ def load_demonstrations(
     taken = _taken(read, only_where)
     _check_finite(read, vectors, taken)
     _tell_wraps(read, vectors, fps)
-    encoded = encode_images(root, info, encoders, read.rows.tolist()) if encoders else {}
-    names = {feature: read.names[feature] for feature in features.percepts}
-    names |= {
-        feature: tuple(f"{feature}.{index}" for index in range(rows.shape[1]))
-        for feature, rows in encoded.items()
-    }
-    names |= {feature: read.names[feature] for feature in features.action}
+    names = {feature: read.names[feature] for feature in (*features.percepts, *features.action)}
     kinds = [_side_by_side(read, kind) for kind in features]
-    images = torch.cat([*encoded.values()], dim=1).split(read.lengths) if encoded else None
+    pictures, damaged = _pictures(root, info, cameras, read, fps, skip_damaged)
     shown = tuple(
         part
-        for number, whole in enumerate(_episodes(read, kinds, images, _gaps(fps, read)))
+        for number, whole in enumerate(_episodes(read, kinds, pictures, _gaps(fps, read)))
         for part in _runs(whole, taken[number])
+        if whole.episode not in damaged
     )
     if not shown:
         raise DatasetError(f"expected frames where {only_where!r} is true, the dataset has none")
@@ -154,13 +151,34 @@ def _side_by_side(read: Episodes, features: Sequence[str]) -> tuple[Tensor, ...]
 def _episodes(
     read: Episodes,
     kinds: Sequence[Sequence[Tensor]],
-    images: Sequence[Tensor] | None,
+    pictures: Sequence[Mapping[str, Pictures]],
     gaps: Sequence[tuple[int, ...]],
 ) -> Iterator[Demonstration]:
     """Yield each whole episode."""
-    encoded = images or [None] * len(read.indices)
-    for number, rows in enumerate(zip(*kinds, encoded, strict=True)):
-        yield Demonstration(read.indices[number], read.tasks[number], *rows, gaps=gaps[number])
+    for number, rows in enumerate(zip(*kinds, strict=True)):
+        yield Demonstration(
+            read.indices[number],
+            read.tasks[number],
+            *rows,
+            gaps=gaps[number],
+            pictures=pictures[number],
+        )
+
+
+def _pictures(
+    root: Path,
+    info: Mapping[str, Any],
+    cameras: CameraChoice | None,
+    read: Episodes,
+    fps: float,
+    skip_damaged: bool,
+) -> tuple[Sequence[Mapping[str, Pictures]], set[int]]:
+    """Return what cameras show of each episode, and the indices of those that are left out."""
+    if cameras is None:
+        return [{} for _ in read.indices], set()
+    from pacnet.datasets.pictures.reading import read_pictures
+
+    return read_pictures(root, info, cameras, read, fps, skip_damaged)
 
 
 def _rate(path: Path, info: Mapping[str, Any], read: Episodes) -> float:

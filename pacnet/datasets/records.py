@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 ACTION = "action"
@@ -22,9 +24,12 @@ class Demonstration:
         state: measured state of the demonstrator, `[T, S]`; S is 0 without it.
         environment_state: measured state of the surroundings, `[T, E]`; E is 0 without it.
         action: the demonstrator's actions or the targets aimed at, `[T, A]`.
-        encoded: encoded images, `[T, F]`; None without encoders.
+        encoded: what encoders make of its pictures, `[T, F]`; None without encoders.
         first_frame: the frame of the episode with which it begins, from 0.
         gaps: its frames, counted from 0, before which time is missing; see `continuous`.
+        pictures: camera, as its feature is called -> red, green and blue of its frames,
+            `[T, H, W, 3]`, with the longer side reduced to 128 pixels; possibly a read-only map of
+            a file. A camera that the episode lacks is missing.
     """
 
     episode: int
@@ -35,10 +40,11 @@ class Demonstration:
     encoded: Tensor | None = None  # [T, F] float32
     first_frame: int = 0
     gaps: tuple[int, ...] = ()
+    pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
 
     @property
     def percepts(self) -> Tensor:
-        """State, environment state and encoded images side by side, [T, S + E + F]."""
+        """State, environment state and encoded pictures side by side, [T, S + E + F]."""
         parts = [self.state, self.environment_state]
         return torch.cat(parts if self.encoded is None else [*parts, self.encoded], dim=1)
 
@@ -59,6 +65,7 @@ class Demonstration:
             encoded=None if self.encoded is None else self.encoded[first:end],
             first_frame=self.first_frame + first,
             gaps=tuple(gap - first for gap in self.gaps if first < gap < end),
+            pictures={camera: frames[first:end] for camera, frames in self.pictures.items()},
         )
 
 

@@ -20,7 +20,7 @@ import pytest
 from pacnet.datasets.annotations import check_annotatable, write_annotated
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.format import DatasetError, DatasetWarning
-from pacnet.datasets.format.images import encode_images
+from pacnet.datasets.format.clips import Clips
 from pacnet.datasets.format.paths import path_inside
 from pacnet.datasets.journal import folding, staging
 from pacnet.datasets.journal.episode_file import read_episode
@@ -379,12 +379,10 @@ def test_a_data_path_names_a_different_file_for_each_number(
 @pytest.mark.parametrize(
     ("changes", "key"),
     [
-        ({"data_path": "../{chunk_index}/{file_index}"}, "top"),
         ({"video_path": "../{video_key}/{chunk_index:03d}/{file_index:03d}.mp4"}, "top"),
         ({"video_path": "videos/{video_key.__class__}.mp4"}, "top"),
         ({"video_path": "videos/{video_key}/{file_index}.mp4"}, "top"),
         ({"video_path": "/videos/{video_key}.mp4"}, "top"),
-        ({"video_path": None}, "top"),
         ({}, "../top"),
         ({}, ".."),
     ],
@@ -393,9 +391,9 @@ def test_no_video_outside_of_the_dataset_is_opened(
     tmp_path: Path, changes: dict[str, object], key: str
 ):
     video_path = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-    info = {"features": {key: {"dtype": "video"}}, "video_path": video_path} | changes
-    with pytest.raises(DatasetError, match=r"expected (a data_path|a video_path|names of videos)"):
-        encode_images(tmp_path, info, {key: lambda image: image.flatten()}, [])
+    info = {"codebase_version": "v3.0", "video_path": video_path} | changes
+    with pytest.raises(DatasetError, match=r"expected (a video_path|names of videos)"):
+        Clips(tmp_path, info, [key])
 
 
 def test_circular_links_and_existing_destinations(top: Path):

@@ -16,11 +16,11 @@ def pictures(length: int, first: int = 0) -> np.ndarray:
     return np.broadcast_to(shades[:, None, None, None], (length, SIDE, SIDE, 3)).astype(np.uint8)
 
 
-def write_video(path: Path, frames: np.ndarray, fps: int = 10) -> None:
-    """Write frames `[T, H, W, 3]` of a whole number of frames per second as H.264."""
+def write_video(path: Path, frames: np.ndarray, fps: int = 10, codec: str = "libx264") -> None:
+    """Write frames `[T, H, W, 3]` of a whole number of frames per second, as H.264 unless asked."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", fps, {"g": "2", "crf": "10"})
+        stream = container.add_stream(codec, fps, {"g": "2", "crf": "10"})
         stream.height, stream.width = frames.shape[1:3]
         stream.pix_fmt = "yuv420p"
         for frame in frames:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pacnet.datasets.copying.axes import nested_column
 from pacnet.datasets.copying.picture_statistics import PictureStatistics
-from pacnet.datasets.copying.source_videos import Clip
+from pacnet.datasets.format.clips import Clip
 from pacnet.datasets.format.parquet import to_arrow, to_arrow_text
 from pacnet.datasets.format.statistics import NAMES, statistics
 

@@ -1,9 +1,7 @@
 """Where the videos of a dataset to be copied are, and which part of a file shows an episode."""
 
-import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from itertools import product
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -11,24 +9,11 @@ from pacnet.core.lfs import is_lfs_pointer
 from pacnet.datasets.copying.source import Source
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.appending import FileNumber
+from pacnet.datasets.format.clips import Clip, Clips, has_content
 from pacnet.datasets.format.info import image_features
-from pacnet.datasets.format.paths import check_video_path, path_of_source
-from pacnet.datasets.format.tables import read_episode_rows
 
-_POINTERS = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
-_DEFAULT_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-_EPISODE_FILE = re.compile(r"episode_([0-9]{1,9})\.mp4")
 _NO_VIDEOS = "copy the dataset without its videos (--no-videos), or bring them"
 _NAMED = 3  # files in a message
-
-
-class Clip(NamedTuple):
-    """The part of a video file that shows an episode."""
-
-    path: Path  # of the source
-    number: FileNumber  # in the copy
-    start: float  # [s]
-    stop: float  # [s]
 
 
 class Cameras(NamedTuple):
@@ -53,12 +38,12 @@ def find_videos(source: Source) -> Cameras:
     cameras = image_features(source.info, "video")
     if not cameras:
         return Cameras()
-    check_video_path("videos/{video_key}", cameras)
-    find = _clips_v2 if source.is_old else _clips_v3
     found: dict[str, list[Clip]] = {}
     left_out = {}
-    for camera, clips in find(source, cameras).items():
-        missing = [clip for clip in clips if clip is None or not _is_there(source.root, clip.path)]
+    for camera, clips in _clips(source, cameras).items():
+        missing = [
+            clip for clip in clips if clip is None or not has_content(source.root, clip.path)
+        ]
         if len(missing) == len(clips):
             left_out[camera] = "none of its video files is there"
         else:
@@ -67,16 +52,10 @@ def find_videos(source: Source) -> Cameras:
     return Cameras(found, left_out)
 
 
-def _is_there(root: Path, path: Path) -> bool:
-    """Return whether a video file has content, after checking where its links lead."""
-    path = path_of_source(root, path.relative_to(root).as_posix())
-    return path.is_file() and path.stat().st_size > 0
-
-
 def _check_complete(source: Source, camera: str, clips: Sequence[Clip | None]) -> None:
     missing = []
     for episode, clip in zip(source.episodes, clips, strict=True):
-        if clip is None or not _is_there(source.root, clip.path):
+        if clip is None or not has_content(source.root, clip.path):
             missing.append(f"episode {episode.number}" if clip is None else str(clip.path))
         elif is_lfs_pointer(clip.path):
             raise DatasetError(
@@ -104,45 +83,15 @@ def _renumbered(clips: list[Clip]) -> list[Clip]:
     return [clip._replace(number=fresh[clip.path]) for clip in clips]
 
 
-def _clips_v3(source: Source, cameras: Sequence[str]) -> dict[str, list[Clip | None]]:
-    """Return each camera's clips as `meta/episodes` has them; those of videos it lacks are None."""
-    template = source.info.get("video_path") or _DEFAULT_PATH
-    check_video_path(template, [*cameras])
-    columns = [f"videos/{camera}/{name}" for camera in cameras for name in _POINTERS]
-    rows = {row["episode_index"]: row for row in read_episode_rows(source.root, columns)}
+def _clips(source: Source, cameras: Sequence[str]) -> dict[str, list[Clip | None]]:
+    """Return each camera's clips; None where an episode has none."""
+    clips, size = Clips(source.root, source.info, cameras), chunks_size(source.info)
     found: dict[str, list[Clip | None]] = {camera: [] for camera in cameras}
-    for camera, episode in ((camera, one.number) for camera in cameras for one in source.episodes):
-        pointers = [rows.get(episode, {}).get(f"videos/{camera}/{name}") for name in _POINTERS]
-        found[camera].append(_clip_v3(source.root, template, camera, episode, pointers))
-    return found
-
-
-def _clip_v3(
-    root: Path, template: str, camera: str, episode: int, pointers: list[Any]
-) -> Clip | None:
-    if None in pointers:
-        return None
-    chunk, file, start, stop = pointers
-    whole = all(isinstance(number, int) and 0 <= number < 2**31 for number in (chunk, file))
-    if not whole or not 0 <= start <= stop < math.inf:
-        raise DatasetError(
-            f"{root}/meta/episodes: expected the video of {camera!r} as chunk, file, from and to, "
-            f"found {pointers} in episode {episode}"
-        )
-    path = template.format(video_key=camera, chunk_index=chunk, file_index=file)
-    return Clip(path_of_source(root, path), FileNumber(chunk, file), float(start), float(stop))
-
-
-def _clips_v2(source: Source, cameras: Sequence[str]) -> dict[str, list[Clip | None]]:
-    """Return each camera's clips: one file an episode, wherever the chunks begin."""
-    found: dict[str, list[Clip | None]] = {}
-    for camera in cameras:
-        files = dict(_files_v2(source.root, camera))
-        found[camera] = []
-        for at, episode in enumerate(source.episodes):
-            path, duration = files.get(episode.number), episode.length / source.info["fps"]
-            number = FileNumber(*divmod(at, chunks_size(source.info)))
-            found[camera].append(None if path is None else Clip(path, number, 0.0, duration))
+    for camera, (at, episode) in product(cameras, enumerate(source.episodes)):
+        clip = clips.clip(camera, episode.number, episode.length / source.info["fps"])
+        if clip is not None and source.is_old:  # the files are numbered anew
+            clip = clip._replace(number=FileNumber(*divmod(at, size)))
+        found[camera].append(clip)
     return found
 
 
@@ -150,13 +99,3 @@ def chunks_size(info: Mapping[str, Any]) -> int:
     """Return the number of files in a chunk; LeRobot's own where it is not a sound one."""
     size = info.get("chunks_size")
     return size if type(size) is int and 0 < size < 2**31 else 1000
-
-
-def _files_v2(root: Path, camera: str) -> Iterator[tuple[int, Path]]:
-    """Yield the episode and the path of each of a camera's files."""
-    for folder in sorted((root / "videos").glob("*/")):
-        if (folder / camera).is_dir():
-            for path in sorted((folder / camera).iterdir()):
-                match = _EPISODE_FILE.fullmatch(path.name)
-                if match:
-                    yield int(match[1]), path

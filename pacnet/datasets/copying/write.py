@@ -19,11 +19,12 @@ from pacnet.datasets.copying.axes import as_scalars, to_rows
 from pacnet.datasets.copying.copied_rows import copied_episodes_table, statistics_of
 from pacnet.datasets.copying.kept_columns import Kept
 from pacnet.datasets.copying.picture_statistics import PictureStatistics
-from pacnet.datasets.copying.source import FrameReader, Source, SourceEpisode
-from pacnet.datasets.copying.source_videos import Clip
+from pacnet.datasets.copying.source import Source, SourceEpisode
 from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.appending import EPISODES_PATH, STATISTICS, FileNumber
+from pacnet.datasets.format.clips import Clip
 from pacnet.datasets.format.features import INDEX_COLUMNS, Arrays
+from pacnet.datasets.format.frame_rows import FrameReader
 from pacnet.datasets.format.info import INFO, image_features, json_bytes
 from pacnet.datasets.format.parquet import is_list, read_table, to_arrow
 from pacnet.datasets.format.paths import DATA_PATH, path_of_source, real_path
@@ -87,7 +88,7 @@ def _write_frames(
 
     with DataFiles(plan.info, _FIRST, place) as files:
         for index, episode in enumerate(plan.source.episodes):
-            table = _checked_frames(plan, episode, reader.frames(episode))
+            table = _checked_frames(plan, episode, reader.frames(episode.parts))
             for name, values in plan.columns[index].items():
                 table = table.append_column(name, to_arrow(values))
             numbers = np.array([plan.tasks.index(task) for task in episode.tasks])

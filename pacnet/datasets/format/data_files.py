@@ -35,6 +35,7 @@ class DataFiles(NamedTuple):
     """What was read of all data files."""
 
     columns: Columns  # of all that can be read, one file after the other
+    lengths: dict[Path, int]  # their numbers of rows
     damaged: dict[Path, DatasetError]  # those that cannot be read
 
 
@@ -53,21 +54,23 @@ def read_data_files(root: Path, features: Sequence[str]) -> DataFiles:
         DatasetError: no data file, or none that can be read.
         MissingFeature: a feature that no data file has.
     """
-    files: list[Columns] = []
+    files: dict[Path, Columns] = {}
     damaged: dict[Path, DatasetError] = {}
     dimensions: dict[str, int] = {}
     for path in data_paths(root):
         try:
-            files.append(read_data_file(path, features, dimensions))
+            files[path] = read_data_file(path, features, dimensions)
         except DatasetError as error:
             damaged[path] = error
     if not files:
         raise next(iter(damaged.values()))
-    if len(files) == 1:  # without a copy
-        return DataFiles(files[0], damaged)
-    names = [name for name in files[0] if all(name in file for file in files)]
-    columns = {name: np.concatenate([file[name] for file in files]) for name in names}
-    return DataFiles(columns, damaged)
+    lengths = {path: len(columns[EPISODE]) for path, columns in files.items()}
+    first, *rest = files.values()
+    if not rest:  # without a copy
+        return DataFiles(first, lengths, damaged)
+    names = [name for name in first if all(name in columns for columns in rest)]
+    joined = {name: np.concatenate([first[name], *(one[name] for one in rest)]) for name in names}
+    return DataFiles(joined, lengths, damaged)
 
 
 def read_data_file(path: Path, features: Sequence[str], dimensions: dict[str, int]) -> Columns:

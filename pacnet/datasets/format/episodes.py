@@ -40,6 +40,7 @@ class Episodes(NamedTuple):
     timestamps: NDArray[np.float64] | None  # [N] in s; None where there are none
     frame_indices: NDArray[np.int64] | None  # [N]; None where there are none
     rows: NDArray[np.int64]  # [N], which rows of all data files they are, one after the other
+    files: dict[Path, int]  # these files, and their numbers of rows
 
     def split(self, rows: NDArray[Any]) -> list[NDArray[Any]]:
         """Return the rows `[N, ...]` of each episode."""
@@ -91,6 +92,7 @@ def read_episodes(
         columns.get(TIME),
         columns.get(FRAME),
         columns[ROW],
+        files.lengths,
     )
 
 

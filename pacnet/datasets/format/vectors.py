@@ -60,8 +60,8 @@ def _check_declared(info: dict[str, Any], name: str) -> None:
     dtype, shape = entry.get("dtype"), entry.get("shape")
     if name in image_features(info):
         raise DatasetError(
-            f"{expected}, found {dtype}s of shape {shape}: percepts are made of them by an "
-            f"encoder, load_demonstrations(..., encoders={{{name!r}: encoder}})"
+            f"{expected}, found {dtype}s of shape {shape}: pictures are read by "
+            f"load_demonstrations(..., cameras=[{name!r}])"
         )
     is_vector = isinstance(shape, list) and [*map(type, shape)] == [int] and shape[0] > 0
     if not is_vector or not re.match("float|u?int|bool", str(dtype)):
