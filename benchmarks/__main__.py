@@ -27,6 +27,7 @@ MODULES = {
     "memory": "ten million samples from a generator",
     "datasets": "recording and reading datasets, compared with LeRobot",
     "fit": "pacnet fit, from the command to the checkpoint",
+    "cameras": "learning and acting with two cameras",
 }
 WITH_LEROBOT = "datasets"
 

@@ -13,11 +13,12 @@ from typing import BinaryIO
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 SECONDS = 150.0  # of training
 CHUNK, SENT = 40, 10  # actions that are foretold, and of which so many are sent, at 80 Hz
-BATCH, RATE, SEED = 16, 1e-4, 0
+BATCH, RATE, SEED = 8, 1e-4, 0
+SHRINK = 2  # sides of pictures; the whole ones would leave time for a few steps of training only
 RESET, FRAME = b"r", b"f"
 STATE, IMAGE, ACTION = "observation.state", "observation.image", "action"
 
@@ -46,11 +47,11 @@ class Samples:
 
 
 def as_input(pictures: Tensor) -> Tensor:
-    """Return pictures `[B, H, W, 3]` as the network sees them, `[B, 3, H, W]`, about ±1."""
-    return pictures.permute(0, 3, 1, 2).float() / 127.5 - 1
+    """Return pictures `[B, H, W, 3]` as the network sees them, `[B, 3, H / 2, W / 2]`, in ±1."""
+    return nn.functional.avg_pool2d(pictures.permute(0, 3, 1, 2).float(), SHRINK) / 127.5 - 1
 
 
-def small_policy(side: int) -> torch.nn.Module:
+def small_policy(side: int) -> nn.Module:
     """Return an untrained ACT that a CPU can train; its backbone is not pretrained either."""
     from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
     from lerobot.policies.act.configuration_act import ACTConfig
@@ -59,7 +60,7 @@ def small_policy(side: int) -> torch.nn.Module:
     config = ACTConfig(
         input_features={
             STATE: PolicyFeature(FeatureType.STATE, (4,)),
-            IMAGE: PolicyFeature(FeatureType.VISUAL, (3, side, side)),
+            IMAGE: PolicyFeature(FeatureType.VISUAL, (3, side // SHRINK, side // SHRINK)),
         },
         output_features={ACTION: PolicyFeature(FeatureType.ACTION, (4,))},
         normalization_mapping={kind.name: NormalizationMode.IDENTITY for kind in FeatureType},
@@ -70,7 +71,7 @@ def small_policy(side: int) -> torch.nn.Module:
     return ACTPolicy(config)
 
 
-def train(policy: torch.nn.Module, samples: Samples) -> int:
+def train(policy: nn.Module, samples: Samples) -> int:
     """Train a policy for `SECONDS`; return the number of steps."""
     random, began, steps = torch.Generator().manual_seed(SEED), time.monotonic(), 0
     optimizer = torch.optim.AdamW(policy.parameters(), RATE, weight_decay=1e-4)
@@ -80,13 +81,13 @@ def train(policy: torch.nn.Module, samples: Samples) -> int:
         loss = policy(samples.batch(rows))[0]
         optimizer.zero_grad()
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(policy.parameters(), 10.0)
+        nn.utils.clip_grad_norm_(policy.parameters(), 10.0)
         optimizer.step()
         steps += 1
     return steps
 
 
-def answer(policy: torch.nn.Module, samples: Samples, side: int, asked: BinaryIO) -> None:
+def answer(policy: nn.Module, samples: Samples, side: int, asked: BinaryIO) -> None:
     """Answer each frame with an action until nobody asks any more."""
     policy.eval()
     while kind := asked.read(1):

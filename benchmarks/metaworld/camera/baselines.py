@@ -90,7 +90,13 @@ class BehaviourCloning(_OfPixels):
 class Replay:
     """The actions of the demonstration whose first picture is nearest."""
 
-    sees, note = True, ""
+    note = ""
+    _chosen: Demonstration | None = None
+
+    @property
+    def sees(self) -> bool:
+        """Whether it wants a picture at each step: only until it has chosen."""
+        return self._chosen is None
 
     def learn(self, demonstrations: Demonstrations) -> None:
         """Keep all actions and the first pictures."""
@@ -99,15 +105,15 @@ class Replay:
 
     def reset(self) -> None:
         """Choose anew at the next picture."""
-        self._chosen: Demonstration | None = None
-        self._now = 0
+        self._chosen, self._now = None, 0
 
     def close(self) -> None:
         """Do nothing."""
 
-    def act(self, state: Array, picture: Picture) -> Array:
+    def act(self, state: Array, picture: Picture | None) -> Array:
         """Return the next action `[4]`, the last one once the demonstration is over."""
         if self._chosen is None:
+            assert picture is not None
             self._chosen = self._choose(reduced(picture))
         at = min(self._now, len(self._chosen.action) - 1)
         self._now += 1

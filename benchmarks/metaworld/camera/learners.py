@@ -18,8 +18,10 @@ from pacnet.imitator.imitator import Imitator
 class Seeing(Protocol):
     """Learns from demonstrations with pictures, then acts on one percept after the other."""
 
-    sees: bool
-    """Whether it wants a picture at each step."""
+    @property
+    def sees(self) -> bool:
+        """Whether it wants a picture at the next step."""
+        ...
 
     @property
     def note(self) -> str:

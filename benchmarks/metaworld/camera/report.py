@@ -29,7 +29,8 @@ share of the episodes in which Metaworld says so within {HORIZON} steps, over {{
 are the imitator with that kind of encoder; it chooses by itself otherwise. Of the baselines, replay
 repeats the demonstration whose first picture is nearest; shifted replay follows the hand's path of
 a demonstration, shifted to where the first picture's principal components tell it to go; 1-NN, BC
-and ACT (LeRobot's, small, nothing pretrained, trained for 150 s on two cores) see every picture.
+and ACT (LeRobot's, small, nothing pretrained, trained for 150 s on two cores with
+pictures of half the side) see every picture.
 """
 SIGHTS_TEXT = f"""Success of `Imitator` where pictures differ from those shown while it acts, at the
 same seeds: light, noise on each number of a picture of 0 to 255, a disc of a random colour away
