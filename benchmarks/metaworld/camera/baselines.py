@@ -6,12 +6,14 @@ All see pictures of 16 × 16 pixels, of which they keep the first few principal 
 from __future__ import annotations
 
 import numpy as np
+import torch
 
 from benchmarks.metaworld.baselines import Frames, Network, regress
 from benchmarks.metaworld.camera.recording import CAMERA
 from benchmarks.metaworld.camera.world import Picture
 from benchmarks.metaworld.features import GRIPPER, Array
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.imitator.imitator import Imitator
 
 SIDE = 16  # [pixels]
 COMPONENTS = 8  # of pictures
@@ -85,6 +87,53 @@ class BehaviourCloning(_OfPixels):
     def act(self, state: Array, picture: Picture) -> Array:
         """Return the action `[4]`."""
         return self._network.predict(self._query(state, picture)[None])
+
+
+class NearestGoals:
+    """The action of the nearest frame, by state and by the way to what the imitator's camera tells.
+
+    It has the encoder that the imitator chooses, and looks at the first picture.
+    """
+
+    note = ""
+    _goals: Array | None = None
+
+    @property
+    def sees(self) -> bool:
+        """Whether it wants a picture at the next step: only at the first."""
+        return self._goals is None and self._encoder is not None
+
+    def learn(self, demonstrations: Demonstrations) -> None:
+        """Fit the encoder and keep all frames."""
+        cameras = Imitator.from_demonstrations(demonstrations).cameras
+        self._encoder = None if cameras is None else cameras.encoders[CAMERA]
+        rows = []
+        for shown in demonstrations:
+            goals = self._told(shown.pictures[CAMERA][0])
+            rows.append(_with_ways(shown.state.numpy(), goals))
+        actions = np.concatenate([shown.action.numpy() for shown in demonstrations])
+        self._frames = Frames(np.concatenate(rows), actions)
+
+    def reset(self) -> None:
+        """Look anew at the next picture."""
+        self._goals = None
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def act(self, state: Array, picture: Picture | None) -> Array:
+        """Return the action `[4]`."""
+        if self._goals is None:
+            self._goals = self._told(picture)
+        query = self._frames.scaled(_with_ways(state, self._goals))
+        return self._frames.actions[self._frames.nearest(query, 1)[0]]
+
+    def _told(self, picture: Picture | None) -> Array:
+        """Return the goals `[G, 3]` that a picture tells; none where no camera helps."""
+        if self._encoder is None or picture is None:
+            return np.empty((0, GRIPPER))
+        goals = self._encoder.look(torch.tensor(picture)).goals
+        return goals.numpy().reshape(-1, GRIPPER)
 
 
 class Replay:
@@ -166,3 +215,9 @@ def _at_phases(states: Array) -> Array:
     """Return the hand's places `[P, 3]` at the phases of an episode of states `[T, 4]`."""
     frames = np.round(PHASES * (len(states) - 1)).astype(int)
     return states[frames, :GRIPPER]
+
+
+def _with_ways(states: Array, goals: Array) -> Array:
+    """Return states `[..., 4]` with the way from the hand to each goal `[G, 3]`."""
+    ways = goals - states[..., None, :GRIPPER]
+    return np.concatenate([states, ways.reshape(*states.shape[:-1], -1)], axis=-1)
