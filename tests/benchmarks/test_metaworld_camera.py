@@ -129,7 +129,8 @@ def test_demonstrations_have_a_picture_for_each_frame(tmp_path: Path):
         assert len(one.pictures[CAMERA]) == len(one.state) == len(one.action)
         assert one.percepts.shape[1] == 4  # no places
         SeenToyWorld.reset(world, 20_000 + index)
-        assert np.array_equal(one.pictures[CAMERA][0], world.picture())
+        apart = np.abs(one.pictures[CAMERA][0].astype(int) - world.picture())
+        assert apart.mean() < 2  # a video loses some
     taken = world.taken
     demonstrations_of(world, 1, tmp_path)  # it is there
     assert world.taken == taken

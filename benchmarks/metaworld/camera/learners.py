@@ -66,8 +66,11 @@ class Imitating:
 
     @property
     def note(self) -> str:
-        """Which cameras are used."""
-        return "" if self.imitator.cameras is None else ", ".join(self.imitator.cameras.features)
+        """Which kind of encoder is used, and what it tells with a demonstration left out."""
+        return "; ".join(
+            f"{one.kind}: {1e3 * one.told.error:.0f} mm, {1e3 * one.told.alone:.0f} without"
+            for one in self.imitator.camera_reports
+        )
 
     def reset(self) -> None:
         """Start an episode."""

@@ -1,4 +1,4 @@
-"""Demonstrations by noisy experts, with a picture of each frame.
+"""Demonstrations by noisy experts, with a picture of each frame, recorded as LeRobot datasets.
 
 They are those of the same draw without a camera: the same seeds decide the same places and noise.
 """
@@ -6,20 +6,19 @@ They are those of the same draw without a camera: the same seeds decide the same
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.metaworld.camera.world import Picture, SeenWorld
+from benchmarks.metaworld.camera.world import SIDE, Picture, SeenWorld
 from benchmarks.metaworld.features import ACTION, STATE, Array
 from benchmarks.metaworld.recording import SEEDS, successes
 from benchmarks.metaworld.simulation import FPS
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
+from pacnet.datasets.recorder import Picture as CameraFeature
 from pacnet.datasets.recorder import Recorder
 
 CAMERA = "observation.image"  # as LeRobot's environment of Metaworld calls it
-DATASET, PICTURES = "dataset", "pictures.npy"
 _PARTIAL = ".partial"
 
 
@@ -52,12 +51,12 @@ class Watched:
 
 
 def demonstrations_of(world: SeenWorld, draw: int, folder: Path) -> Path:
-    """Return the folder of a draw of a task; it is recorded where it is missing.
+    """Return the dataset of a draw of a task; it is recorded where it is missing.
 
     Args:
         world: of the task.
         draw: which choice of places, from 0.
-        folder: of all draws.
+        folder: of all datasets.
 
     Raises:
         ExpertFailsError: as of `benchmarks.metaworld.recording`.
@@ -67,23 +66,18 @@ def demonstrations_of(world: SeenWorld, draw: int, folder: Path) -> Path:
         return root
     partial = root.with_name(root.name + _PARTIAL)
     shutil.rmtree(partial, ignore_errors=True)
-    watched, pictures = Watched(world), []
-    with Recorder(partial / DATASET, FPS, {"observation.state": STATE, "action": ACTION}) as made:
+    watched = Watched(world)
+    features = {"observation.state": STATE, CAMERA: CameraFeature(SIDE, SIDE), "action": ACTION}
+    with Recorder(partial, FPS, features) as recorder:
         for shown in successes(watched, SEEDS * (draw + 1)):
-            state = shown.observations[:, : len(STATE)].astype(np.float32)
-            made.save_episode(world.task, {"observation.state": state, "action": shown.actions})
-            pictures += watched.pictures[: len(state)]
-    np.save(partial / PICTURES, np.stack(pictures))
+            states = shown.observations[:, : len(STATE)].astype(np.float32)
+            pictures = np.stack(watched.pictures[: len(states)])
+            frames = dict(zip(features, (states, pictures, shown.actions), strict=True))
+            recorder.save_episode(world.task, frames)
     partial.rename(root)
     return root
 
 
 def load(root: Path, number: int) -> Demonstrations:
-    """Return the first demonstrations of a draw, with their pictures."""
-    known = load_demonstrations(root / DATASET, episodes=range(number))
-    pictures, first, episodes = np.load(root / PICTURES, mmap_mode="r"), 0, []
-    for shown in known:
-        end = first + len(shown.state)
-        episodes.append(replace(shown, pictures={CAMERA: pictures[first:end]}))
-        first = end
-    return replace(known, episodes=tuple(episodes))
+    """Return the first demonstrations of a dataset, with their pictures."""
+    return load_demonstrations(root, episodes=range(number), cameras="all")
