@@ -6,7 +6,6 @@ Every file is complete or absent. Several runs may write into one folder.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -59,10 +58,10 @@ class Result(NamedTuple):
     """Time to learn all demonstrations [s]."""
     step_us: float
     """Median time of a step of the learner [µs]."""
-    first_held: Sequence[int] = ()
-    """The first step without an action of each episode seen by a camera; 0 for none."""
-    reached: Sequence[int] = ()
-    """The first step at which the hand was where the object stood at the beginning; 0 for none."""
+    first_held: list[int] | None = None
+    """With a camera, the first step without an action of each episode; 0 for none."""
+    reached: list[int] | None = None
+    """With a camera, the first step with the hand where the object was at first; 0 for none."""
     note: str = ""
     """What a learner tells of what it learned."""
 

@@ -123,13 +123,17 @@ def places(found: Iterable[Cell]) -> list[tuple[str, int]]:
 
 def called(results: Iterable[Result]) -> list[bool]:
     """Return whether each episode was called new before the hand came to the object's place."""
-    pairs = [pair for one in results for pair in zip(one.first_held, one.reached, strict=True)]
+    pairs = [
+        pair
+        for one in results
+        for pair in zip(one.first_held or (), one.reached or (), strict=True)
+    ]
     return [held > 0 and (not reached or held <= reached) for held, reached in pairs]
 
 
 def alarms(results: Iterable[Result]) -> list[bool]:
     """Return whether anything was called new in each episode."""
-    return [held > 0 for one in results for held in one.first_held]
+    return [held > 0 for one in results for held in one.first_held or ()]
 
 
 def _of(
