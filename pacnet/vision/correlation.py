@@ -56,7 +56,7 @@ def _sums(pictures: Tensor, size: int) -> Tensor:
 
 
 def patches_at(picture: Tensor, corners: list[tuple[int, int]], size: int) -> Tensor:
-    """Return patches of a picture `[3, h, w]`, less their mean and of norm 1, `[K, 3, size, size]`.
+    """Return patches of a picture `[3, h, w]`, less their mean, `[K, 3, size, size]`.
 
     Args:
         picture: from which they are cut.
@@ -65,14 +65,19 @@ def patches_at(picture: Tensor, corners: list[tuple[int, int]], size: int) -> Te
     """
     parts = [picture[:, row : row + size, column : column + size] for row, column in corners]
     patches = torch.stack(parts)
-    patches = patches - patches.mean(dim=(2, 3), keepdim=True)
-    norm = torch.linalg.vector_norm(patches, dim=(1, 2, 3), keepdim=True)
-    return patches / norm.clamp(min=_LEAST**0.5)
+    return patches - patches.mean(dim=(2, 3), keepdim=True)
+
+
+def norms_of(patches: Tensor) -> Tensor:
+    """Return the norm of each patch, `[K, 1, 1, 1]`, at least that of one without contrast."""
+    norms = torch.linalg.vector_norm(patches, dim=(1, 2, 3), keepdim=True)
+    return norms.clamp(min=_LEAST**0.5)
 
 
 def find(pictures: Tensor, patches: Tensor) -> Found:
-    """Find patches `[K, 3, size, size]` in pictures `[N, 3, h, w]`."""
-    found = [_find(part, patches) for part in pictures.split(_AT_ONCE)]
+    """Find patches `[K, 3, size, size]`, less their mean, in pictures `[N, 3, h, w]`."""
+    units = patches / norms_of(patches)
+    found = [_find(part, units) for part in pictures.split(_AT_ONCE)]
     return Found(*map(torch.cat, zip(*found, strict=True)))
 
 
@@ -83,7 +88,7 @@ def find_within(
 
     Args:
         picture: `[1, 3, h, w]`.
-        patches: `[K ≥ 1, 3, size, size]`.
+        patches: less their mean, `[K ≥ 1, 3, size, size]`.
         low: the least row and column of each one's upper left corner [pixels], `[K, 2]`.
         high: the largest.
 
@@ -94,7 +99,8 @@ def find_within(
     most = low.new_tensor([side - size for side in picture.shape[2:]])
     first, last = (torch.minimum(one.clamp(min=0), most) for one in (low.floor(), high.ceil()))
     (top, left), (bottom, right) = first.amin(0).long().tolist(), last.amax(0).long().tolist()
-    alike = _alike(picture[:, :, top : bottom + size, left : right + size], patches)
+    part = picture[:, :, top : bottom + size, left : right + size]
+    alike = _alike(part, patches / norms_of(patches))
     rows, columns = torch.arange(top, bottom + 1), torch.arange(left, right + 1)
     down = (rows >= first[:, :1]) & (rows <= last[:, :1])
     across = (columns >= first[:, 1:]) & (columns <= last[:, 1:])

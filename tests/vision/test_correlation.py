@@ -71,6 +71,7 @@ def test_it_is_found_in_a_corner_of_the_picture():
 def test_the_score_is_the_correlation_of_all_colours():
     picture = smooth(seed=1)[0].double()
     patch = patches_at(smooth(seed=2)[0], [(8, 8)], SIZE)
+    unit = patch[0] / patch.norm()
     found = find(picture[None].float(), patch)
     row, column = found.places[0, 0].round().long().tolist()
     best = -1.0
@@ -78,7 +79,7 @@ def test_the_score_is_the_correlation_of_all_colours():
         part = picture[:, at[0] : at[0] + SIZE, at[1] : at[1] + SIZE]
         if part.shape[1:] == (SIZE, SIZE):
             part = part - part.mean(dim=(1, 2), keepdim=True)
-            best = max(best, ((part * patch[0]).sum() / part.norm()).item())
+            best = max(best, ((part * unit).sum() / part.norm()).item())
     assert found.scores.item() == pytest.approx(best, abs=1e-4)
     assert found.scores.item() < 0.9
 

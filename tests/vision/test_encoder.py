@@ -39,7 +39,7 @@ def fitted(kind: str, count: int) -> ImageEncoder:
     encoder = ImageEncoder(config(kind))
     for number, disc in enumerate(places(count, seed=0)):
         show(encoder, disc, number)
-    encoder.refit()
+    encoder.fit()
     return encoder
 
 
@@ -168,7 +168,7 @@ def test_demonstrations_at_one_place_are_no_error(kind: str):
     picture = torch.from_numpy(picture_of(disc))
     for number in range(4):
         encoder.add(picture, picture, goals, number)
-    encoder.refit()
+    encoder.fit()
     look = encoder.look(picture)
     torch.testing.assert_close(look.goals, goals)
     assert look.doubt <= 1
@@ -182,7 +182,7 @@ def test_more_demonstrations_tell_more(kind: str):
     for number, disc in enumerate(places(24, seed=2)):
         show(encoder, disc, number)
         if number in (3, 23):
-            encoder.refit()
+            encoder.fit()
             errors.append(ends(encoder, UNSEEN).mean())
     assert errors[1] < 0.75 * errors[0]
     assert encoder.shown.live("demonstration").tolist() == [*range(24)]
@@ -193,7 +193,7 @@ def test_hundreds_of_demonstrations_are_fitted_in_a_moment():
     encoder, picture = ImageEncoder(config("pca")), torch.from_numpy(picture_of(UNSEEN[0]))
     for number in range(300):
         encoder.add(picture + (number % 7), picture, torch.full((8,), float(number)), number)
-    encoder.refit()
+    encoder.fit()
     assert encoder.readout.centre[0].item() == pytest.approx(149.5, abs=0.5)
 
 
@@ -276,7 +276,7 @@ def test_what_was_fitted_before_does_not_outlive_what_was_shown(kind: str):
     encoder.forget()
     for number, disc in enumerate(places(2, seed=8)):
         show(encoder, disc, number)
-    encoder.refit()
+    encoder.fit()
     expected = np.mean([goals_of(path_to(disc), FPS) for disc in places(2, seed=8)], axis=0)
     look = encoder.look(torch.from_numpy(picture_of(UNSEEN[0])))
     np.testing.assert_allclose(look.goals.numpy(), expected, rtol=1e-5)
