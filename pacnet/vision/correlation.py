@@ -76,7 +76,7 @@ def norms_of(patches: Tensor) -> Tensor:
 
 def find(pictures: Tensor, patches: Tensor) -> Found:
     """Find patches `[K, 3, size, size]`, less their mean, in pictures `[N, 3, h, w]`."""
-    units = patches / norms_of(patches)
+    units = (patches / norms_of(patches)).to(pictures)
     found = [_find(part, units) for part in pictures.split(_AT_ONCE)]
     return Found(*map(torch.cat, zip(*found, strict=True)))
 
@@ -100,7 +100,7 @@ def find_within(
     first, last = (torch.minimum(one.clamp(min=0), most) for one in (low.floor(), high.ceil()))
     (top, left), (bottom, right) = first.amin(0).long().tolist(), last.amax(0).long().tolist()
     part = picture[:, :, top : bottom + size, left : right + size]
-    alike = _alike(part, patches / norms_of(patches))
+    alike = _alike(part, (patches / norms_of(patches)).to(part))
     rows, columns = torch.arange(top, bottom + 1), torch.arange(left, right + 1)
     down = (rows >= first[:, :1]) & (rows <= last[:, :1])
     across = (columns >= first[:, 1:]) & (columns <= last[:, 1:])

@@ -124,7 +124,7 @@ class Patches(nn.Module):
         shift = self.reference.shift(seen) if shift is None else shift
         rows = self.rows
         bounds = rows.live("low") + shift, rows.live("high") + shift
-        place, scores = find_within(seen, rows.live("patch").float(), *bounds)
+        place, scores = find_within(seen, rows.live("patch"), *bounds)
         doubt = ((1 - scores) / rows.live("worst")).max().item()
         boxes = tuple(
             (column, row, column + self.size, row + self.size) for row, column in place.tolist()

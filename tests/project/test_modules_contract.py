@@ -46,6 +46,8 @@ from pacnet.forward_models.transition_matrix import TransitionMatrix
 from pacnet.kernels.engine import Engine
 from pacnet.network.config import SchemaNetworkConfig
 from pacnet.network.schema_network import SchemaNetwork
+from pacnet.vision import Cameras, ImageEncoder, ImageEncoderConfig
+from pacnet.vision.cameras_config import CamerasConfig
 
 Tensors = tuple[Tensor, ...]
 SAMPLES, DWELL = 32, 8
@@ -66,6 +68,7 @@ class Case:
         by_gradient: whether it has Parameters.
         freezes: whether it learns step by step, and nothing in eval mode. A fit from a whole data
             set is asked for by name, in either mode.
+        on_cpu: whether it stays there: it looks at arrays.
     """
 
     make: Callable[[], nn.Module]
@@ -74,6 +77,7 @@ class Case:
     checks_input: bool = True
     by_gradient: bool = False
     freezes: bool = True
+    on_cpu: bool = False
 
 
 def draw(seed: int, dtype: torch.dtype = torch.float32) -> Tensors:
@@ -316,6 +320,49 @@ def use_body(model: KinematicModel, percepts: Tensor, _targets: Tensor) -> Tenso
     return tuple(model(percepts))
 
 
+def make_encoder(kind: str) -> ImageEncoder:
+    return ImageEncoder(ImageEncoderConfig(kind, 16, 24, 8, patch=5, features=768))
+
+
+def picture(place: Tensor) -> Tensor:
+    """A bright square on a ground that is the same each time."""
+    seen = torch.randint(0, 90, (16, 24, 3), generator=torch.Generator().manual_seed(0)).byte()
+    row, column = (place.float() * 2 + 4).round().long().tolist()
+    seen[row : row + 5, column + 3 : column + 8] = torch.tensor([250, 180, 20]).byte()
+    return seen
+
+
+def learn_encoder(encoder: ImageEncoder, percepts: Tensor, targets: Tensor) -> Tensors:
+    encoder.forget()
+    for number, (percept, target) in enumerate(zip(percepts[::4], targets[::4], strict=True)):
+        seen = picture(percept)
+        encoder.add(seen, seen, torch.cat([percept.repeat(3), target[:2]]), number)
+    encoder.fit()
+    return (torch.tensor(encoder.told.error, dtype=torch.float64),)
+
+
+def use_encoder(encoder: ImageEncoder, percepts: Tensor, _targets: Tensor) -> Tensors:
+    looks = [encoder.look(picture(percept)) for percept in percepts]
+    goals, doubts = [look.goals for look in looks], [look.doubt for look in looks]
+    return *goals, torch.tensor(doubts, dtype=torch.float64)
+
+
+def make_cameras() -> Cameras:
+    encoders = (make_encoder("patches").config, make_encoder("none").config)
+    return Cameras(CamerasConfig(("top", "side"), encoders, ("x", "y"), at_once=3, until=5))
+
+
+def learn_cameras(cameras: Cameras, percepts: Tensor, targets: Tensor) -> Tensors:
+    errors = [learn_encoder(one, percepts, targets)[0] for one in cameras.encoders.values()]
+    return (torch.stack(errors),)
+
+
+def use_cameras(cameras: Cameras, percepts: Tensor, _targets: Tensor) -> Tensors:
+    sight = cameras.begin()
+    seen = [sight([picture(percept).numpy()] * 2) for percept in percepts]
+    return tuple(torch.from_numpy(one.goals).double() for one in seen)  # they are of float32
+
+
 CASES = {
     "GrowableRows": Case(make_rows, learn_rows, use_rows, checks_input=False, freezes=False),
     "MotorSchemas-cue": Case(
@@ -357,6 +404,20 @@ CASES = {
     "AffineForwardModel": Case(make_affine, learn_affine, use_affine, freezes=False),
     "KinematicModel": Case(make_body, learn_body, use_body, checks_input=False, freezes=False),
     "TransitionMatrix": Case(make_matrix, learn_matrix, use_forward_model, freezes=False),
+    **{
+        f"ImageEncoder-{kind}": Case(
+            functools.partial(make_encoder, kind),
+            learn_encoder,
+            use_encoder,
+            checks_input=False,
+            freezes=False,
+            on_cpu=True,
+        )
+        for kind in ("patches", "pca", "none")
+    },
+    "Cameras": Case(
+        make_cameras, learn_cameras, use_cameras, checks_input=False, freezes=False, on_cpu=True
+    ),
 }
 CHECKING = [name for name, case in CASES.items() if case.checks_input]
 FREEZING = [name for name, case in CASES.items() if case.freezes]
@@ -637,7 +698,8 @@ def test_learning_under_inference_mode_leaves_it_able_to_learn(case: Case, start
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
 def test_a_cuda_device_agrees():
-    for case, start in itertools.product(CASES.values(), STARTS):
+    cases = [case for case in CASES.values() if not case.on_cpu]
+    for case, start in itertools.product(cases, STARTS):
         here, there = make(case, start), make(case, start).cuda()
         answers = [*case.learn(there, *to_cuda(draw(2))), *case.use(there, *to_cuda(draw(1)))]
         expected = [*case.learn(here, *draw(2)), *case.use(here, *draw(1))]

@@ -62,7 +62,7 @@ def noise(seed: int) -> np.ndarray:
     return (255 * big[0]).byte().permute(1, 2, 0).numpy()
 
 
-@pytest.mark.parametrize("count", [5, 12])
+@pytest.mark.parametrize("count", [5, pytest.param(12, marks=pytest.mark.slow)])
 def test_pictures_that_tell_nothing_are_said_not_to_help(count: int):
     """In 20 draws at most 2 may look as if they did."""
     helps = 0
@@ -77,7 +77,7 @@ def test_pictures_that_tell_nothing_are_said_not_to_help(count: int):
     assert helps <= 2
 
 
-@pytest.mark.parametrize("count", [5, 12])
+@pytest.mark.parametrize("count", [5, pytest.param(12, marks=pytest.mark.slow)])
 def test_a_disc_that_moves_is_said_to_help(count: int):
     helps = 0
     for seed in range(20):
