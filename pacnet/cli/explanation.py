@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,9 +37,10 @@ def explain(
     """
     shown = _find(demonstrations, episode, frame)
     imitator.reset(task)
-    percepts = shown.percepts[: frame + 1]
-    step = [imitator.step(percept) for percept in percepts.numpy()][-1]
-    percept = percepts[-1]
+    until = shown.part(0, frame + 1)
+    step = [*imitator.follow(until)][-1]
+    (seen,) = imitator.seen(replace(demonstrations, episodes=(until,)))
+    percept = seen.percepts[-1]
     return {
         "dataset": demonstrations.source,
         "episode": episode,
@@ -46,7 +48,7 @@ def explain(
         "frame": frame,
         "seconds": frame / demonstrations.fps,
         "decision": "acts" if step.action is not None else "holds",
-        "reason": reason_of(step).sentence,
+        "reason": reason_of(step, imitator).sentence,
         "asked_for": None if task is None else task_name(task),
         "progress": step.progress,
         "is_done": step.is_done,

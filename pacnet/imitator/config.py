@@ -144,6 +144,12 @@ class ImitatorConfig:
         return None if self.frames is None else self.frames.points
 
     @property
+    def perceived(self) -> dict[str, tuple[str, ...]]:
+        """The features of a percept without what cameras tell, and their dimensions."""
+        percepts = [*self.percepts.items()]
+        return dict(percepts if self.cameras is None else percepts[:-1])
+
+    @property
     def perceived_dimensions(self) -> int:
         """Length of a percept without what cameras tell."""
         return len(self.percept_names) - (0 if self.cameras is None else len(self.cameras.names))

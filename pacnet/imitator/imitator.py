@@ -6,7 +6,7 @@ forward model. One rule decides whether it acts: it does unless the percept is n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from operator import index
@@ -322,9 +322,41 @@ class Imitator(ImitatorState):
         with torch.inference_mode(False):
             shown = self._latest().shown
             percept = shown.percepts[0] if len(shown.percepts) else np.zeros_like(self._scale)
+            perceived = (percept / self._scale)[: self.config.perceived_dimensions]
+            pictures = None if self.cameras is None else self.cameras.remembered()
             for _ in range(2):  # the second is compared with the first
-                self.step(percept / self._scale)
+                self.step(perceived, pictures)
         self.reset(task)
+
+    def seen(self, demonstrations: Demonstrations) -> Demonstrations:
+        """Return demonstrations as they are perceived: with what the cameras tell, as while acting.
+
+        Whole episodes that are learned say themselves where the hand will be; these do not. A
+        recall episode in progress is not affected.
+
+        Args:
+            demonstrations: with pictures of the cameras, if there are any.
+
+        Raises:
+            ValueError: an episode lacks a camera, or its pictures have another aspect.
+        """
+        return demonstrations if self.cameras is None else self.cameras.seen(demonstrations)
+
+    def follow(self, shown: Demonstration) -> Iterator[ImitatorStep]:
+        """Yield the step at each frame of an episode, going on from the last call of `step`.
+
+        Args:
+            shown: as it was recorded, with pictures of the cameras, if there are any.
+
+        Raises:
+            ValueError: as of `step`, with the episode's number.
+        """
+        percepts, pictures = shown.percepts.numpy(), shown.pictures
+        for frame, percept in enumerate(percepts):
+            try:
+                yield self.step(percept, {name: own[frame] for name, own in pictures.items()})
+            except ValueError as error:
+                raise ValueError(f"episode {shown.episode}, frame {frame}: {error}") from None
 
     def reset(self, task: str | None = None) -> None:
         """Start a new recall episode; what was learned stays.

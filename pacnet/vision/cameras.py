@@ -57,6 +57,15 @@ class Cameras(nn.Module):
         encoders = [*snapshot_of(self).encoders.values()]
         return Sight(encoders, self.config.at_once, self.config.until)
 
+    def remembered(self) -> dict[str, NDArray[np.uint8]]:
+        """Return a picture of each camera, `[h, w, 3]`: the first shown, else a black one."""
+        found = {}
+        for feature, encoder in self.encoders.items():
+            shown, size = encoder.shown.live("picture"), encoder.config
+            black = np.zeros((size.height, size.width, 3), np.uint8)
+            found[feature] = shown[0].numpy() if len(shown) else black
+        return found
+
     def checked(self, pictures: object) -> list[NDArray[np.uint8]]:
         """Return one reduced picture `[h, w, 3]` of each camera.
 

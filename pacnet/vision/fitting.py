@@ -176,7 +176,7 @@ def _until(
         times = np.unique(np.linspace(0, len(pictures) - 1, _LOOKS).round().astype(int)).tolist()
         first, last = None, 0
         for time in times:
-            look = encoder.look(torch.from_numpy(np.ascontiguousarray(pictures[time])))
+            look = encoder.look(torch.from_numpy(np.array(pictures[time])))
             goals = steps_of(look.goals.numpy())
             first = goals if first is None else first
             apart = np.linalg.norm(goals - first, axis=1).mean()
