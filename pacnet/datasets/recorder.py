@@ -9,7 +9,7 @@ one are only in memory until `save_episode`.
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, SupportsIndex
@@ -21,6 +21,8 @@ from pacnet.core.interrupts import defer_sigint
 from pacnet.datasets.format.features import (
     Arrays,
     Feature,
+    Features,
+    Picture,
     checked_episode,
     checked_frame,
     checked_recording,
@@ -29,7 +31,10 @@ from pacnet.datasets.format.features import (
 
 # What imports pyarrow, 0.2 s, is imported where it is used.
 if TYPE_CHECKING:
+    from pacnet.datasets.journal.image_queue import ImageQueue
     from pacnet.datasets.journal.journal import Journal
+
+__all__ = ["Feature", "Picture", "Recorder", "recover"]
 
 
 class Recorder:
@@ -38,6 +43,10 @@ class Recorder:
     When the `with` block is left, normally, by an exception or by Ctrl-C, every episode saved so
     far is in the dataset, and frames of an unfinished one are dropped. A new dataset without any
     episode is deleted. Leaving the block reads all frames into memory, for exact statistics.
+
+    Pictures of cameras are compressed without loss while frames are added, by two threads, and
+    become videos when the block is left, at some 15 ms for one of 640x480; a Ctrl-C waits for them.
+    They take `pip install 'pacnet[cameras]'`.
 
     LeRobot's policies learn from all features called `observation*` or `action*`. Give features
     that they should not see, such as `novelty` and `winner`, other names.
@@ -69,7 +78,7 @@ class Recorder:
         self,
         root: str | Path,
         fps: SupportsIndex,
-        features: Mapping[str, Sequence[str] | Feature],
+        features: Features,
         robot_type: str | None = None,
     ) -> None:
         """Describe the recording; nothing is written before the `with` block is entered.
@@ -78,18 +87,25 @@ class Recorder:
             root: the dataset's folder, which is made, or holds a dataset to append to.
             fps: frames per second [1/s].
             features: feature name -> names of its dimensions, or a `Feature` for integers and
-                booleans.
+                booleans, or a `Picture` for a camera, called `observation.images.top` or so.
             robot_type: type of the robot, for the description of a new dataset.
 
         Raises:
-            ValueError: `fps` is not a positive integer, there is no feature, a feature has no
-                dimensions or two of one name, or LeRobot cannot store a name.
+            ValueError: `fps` is not a positive integer, there is no feature of numbers, a feature
+                has no dimensions or two of one name, a side of a picture is odd, or LeRobot cannot
+                store a name.
+            DatasetError: PyAV or Pillow is not installed, and there is a camera.
         """
         self._root = Path(root).absolute()  # the working directory may change
         self._recording = checked_recording(fps, features, robot_type)
         self._journal: Journal | None = None  # while the `with` block is open
         self._lock = threading.Lock()  # of the threads that save
         self._frames: list[Arrays] = []  # added to the unfinished episode
+        self._images: ImageQueue | None = None
+        if self._recording.cameras:
+            from pacnet.datasets.journal.image_queue import ImageQueue
+
+            self._images = ImageQueue(self._recording.cameras)
 
     def __enter__(self) -> Self:
         """Open the dataset, after recovering episodes that a killed process recorded into it.
@@ -138,7 +154,7 @@ class Recorder:
 
         Args:
             frame: feature name -> its values, `[D]`, or a number for D = 1, of a dtype that
-                `save_episode` takes. They are copied.
+                `save_episode` takes; of a camera `[H, W, 3]`. They are copied.
 
         Raises:
             ValueError: a feature is missing or unknown, or its values are of another shape or dtype
@@ -148,15 +164,18 @@ class Recorder:
         self._check_open()
         with self._lock:
             try:
-                self._frames.append(checked_frame(self._recording.features, frame))
+                row = checked_frame(self._recording.features, frame, self._recording.cameras)
             except ValueError as error:
                 raise ValueError(f"frame {len(self._frames)}: {error}") from None
+            if self._images is not None:
+                self._images.add(row)
+            self._frames.append(row)
 
     def clear_episode(self) -> None:
         """Drop the frames added since the last episode."""
         self._check_open()
         with self._lock:
-            self._frames.clear()
+            self._clear()
 
     def save_episode(self, task: str, frames: Mapping[str, ArrayLike] | None = None) -> None:
         """Append an episode and wait until it is on the disk; a Ctrl-C is deferred until then.
@@ -166,7 +185,8 @@ class Recorder:
         Args:
             task: the task in words.
             frames: feature name -> its values, `[T, D]`: float32 or float64, stored as float32;
-                integers, stored as int64; or booleans. None takes those that were added.
+                integers, stored as int64; or booleans; of a camera `[T, H, W, 3]` uint8. None
+                takes those that were added.
 
         Raises:
             ValueError: the task is empty; a feature is missing or unknown; an array is of
@@ -178,8 +198,8 @@ class Recorder:
         self._check_open()
         if not is_text(task) or not task.strip():
             raise ValueError(f"expected the task in words, got {task!r}")
-        features = self._recording.features
-        columns = None if frames is None else checked_episode(features, frames)
+        features, cameras = self._recording.features, self._recording.cameras
+        columns = None if frames is None else checked_episode(features, frames, cameras)
         with defer_sigint(), self._lock:
             if columns is None:
                 if not self._frames:
@@ -190,8 +210,9 @@ class Recorder:
                     f"expected no frames, as {len(self._frames)} were added: save them first, or "
                     "drop them by clear_episode"
                 )
-            self._open_journal().add(self._recording, task, columns)
-            self._frames.clear()
+            images = {} if self._images is None else self._images.encoded(columns)
+            self._open_journal().add(self._recording, task, columns, images)
+            self._clear()
 
     def _check_open(self) -> None:
         if self._open_journal().is_forked:
@@ -202,8 +223,13 @@ class Recorder:
             raise RuntimeError("expected to be inside the recorder's `with` block")
         return self._journal
 
-    def _close(self) -> None:
+    def _clear(self) -> None:
         self._frames.clear()
+        if self._images is not None:
+            self._images.clear()
+
+    def _close(self) -> None:
+        self._clear()
         if self._journal is not None:
             self._journal.close()
             self._journal = None

@@ -39,7 +39,8 @@ class ImageEncoder(nn.Module):
         config: see `ImageEncoderConfig`.
 
     Attributes:
-        shown: picture at the beginning of each demonstration, its goals, and its number.
+        shown: picture at the beginning of each demonstration and on the way, its goals, and its
+            number.
         told: see `Told`.
     """
 
@@ -53,6 +54,7 @@ class ImageEncoder(nn.Module):
         self.shown = GrowableRows(
             {
                 "picture": Column(picture, torch.uint8),
+                "later": Column(picture, torch.uint8),
                 "goals": Column((outputs,), torch.float32),
                 "demonstration": Column((), torch.int64),
             }
@@ -81,15 +83,16 @@ class ImageEncoder(nn.Module):
         return Told(*self.quality.tolist())
 
     @torch.no_grad()
-    def add(self, picture: Tensor, goals: Tensor, demonstration: int) -> None:
+    def add(self, picture: Tensor, later: Tensor, goals: Tensor, demonstration: int) -> None:
         """Keep the picture at the beginning of a demonstration; `refit` makes use of it.
 
         Args:
             picture: uint8 `[h, w, 3]`.
+            later: one while the hand is on its way.
             goals: `[m]`.
             demonstration: its number.
         """
-        row = {"picture": picture, "goals": goals, "demonstration": demonstration}
+        row = {"picture": picture, "later": later, "goals": goals, "demonstration": demonstration}
         self.shown.append(row)
 
     def forget(self) -> None:
@@ -114,10 +117,12 @@ class ImageEncoder(nn.Module):
         self.quality = torch.tensor([alone, alone, 1.0])
         if self.seen is None or len(goals) < LEAST:
             return
-        pictures = self.shown.live("picture")[rows]
+        pictures, later = (self.shown.live(name)[rows] for name in ("picture", "later"))
         scale = (goals - goals.mean(dim=0)).square().mean().sqrt().clamp(min=1e-12)
-        shown = pictures if isinstance(self.seen, Patches) else self._features(pictures)
-        features, choice = self.seen.fit(shown, goals / scale)
+        if isinstance(self.seen, Patches):
+            features, choice = self.seen.fit(pictures, later, goals / scale)
+        else:
+            features, choice = self.seen.fit(self._features(pictures), goals / scale)
         mean, weight, centre = fit(features, goals, choice.ridge)
         self.weights.replace({"mean": mean, "weight": weight})
         self.centre = centre.float()

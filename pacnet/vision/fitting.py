@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pacnet.datasets.records import Demonstration, Demonstrations
 from pacnet.vision.backbones import features_of
-from pacnet.vision.cameras import Cameras, Hands, beginning_of
+from pacnet.vision.cameras import Cameras, Hands, pictures_of
 from pacnet.vision.cameras_config import CamerasConfig
 from pacnet.vision.config import (
     BUILT_IN,
@@ -158,8 +158,7 @@ def _fitted(
         )
     )
     for number, pictures, hand in shown:
-        beginning = torch.from_numpy(beginning_of(pictures, fps))
-        encoder.add(beginning, torch.from_numpy(goals_of(hand)), number)
+        encoder.add(*pictures_of(pictures, fps), torch.from_numpy(goals_of(hand, fps)), number)
     encoder.refit()
     return encoder
 

@@ -13,7 +13,7 @@ import pytest
 from pacnet.datasets.annotations import write_annotated
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.format import DatasetError, DatasetWarning
-from pacnet.datasets.format.appending import FileNumber
+from pacnet.datasets.format.file_number import FileNumber
 from pacnet.datasets.format.writing import DataFiles
 from pacnet.datasets.recorder import Feature, Recorder
 

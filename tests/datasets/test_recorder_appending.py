@@ -80,7 +80,7 @@ def test_names_with_indices(tmp_path: Path):
         record(tmp_path / "new", 2, features=FEATURES | {"action": tuple(names)})
 
 
-@pytest.mark.parametrize("dtype", ["float64", "int32", "image", "video"])
+@pytest.mark.parametrize("dtype", ["float64", "int32", "image"])
 def test_a_feature_that_no_recorder_stores(tmp_path: Path, dtype: str):
     """There is no way to append then: it is of no use to ask for the same feature."""
     record(tmp_path / "new", 0)

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 from pacnet.core.lfs import is_lfs_pointer
 from pacnet.datasets.copying.source import Source
 from pacnet.datasets.format import DatasetError
-from pacnet.datasets.format.appending import FileNumber
 from pacnet.datasets.format.clips import Clip, Clips, has_content
+from pacnet.datasets.format.file_number import FileNumber
 from pacnet.datasets.format.info import image_features
 
 _NO_VIDEOS = "copy the dataset without its videos (--no-videos), or bring them"

@@ -21,13 +21,14 @@ from pacnet.datasets.copying.kept_columns import Kept
 from pacnet.datasets.copying.picture_statistics import PictureStatistics
 from pacnet.datasets.copying.source import Source, SourceEpisode
 from pacnet.datasets.format import DatasetError
-from pacnet.datasets.format.appending import EPISODES_PATH, STATISTICS, FileNumber
+from pacnet.datasets.format.appending import EPISODES_PATH, STATISTICS
 from pacnet.datasets.format.clips import Clip
 from pacnet.datasets.format.features import INDEX_COLUMNS, Arrays
+from pacnet.datasets.format.file_number import FileNumber
 from pacnet.datasets.format.frame_rows import FrameReader
 from pacnet.datasets.format.info import INFO, image_features, json_bytes
 from pacnet.datasets.format.parquet import is_list, read_table, to_arrow
-from pacnet.datasets.format.paths import DATA_PATH, path_of_source, real_path
+from pacnet.datasets.format.paths import DATA_PATH, VIDEO_PATH, path_of_source, real_path
 from pacnet.datasets.format.tables import TASKS, tasks_table
 from pacnet.datasets.format.writing import (
     DataFiles,
@@ -37,7 +38,6 @@ from pacnet.datasets.format.writing import (
     write_synced,
 )
 
-VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 _SUBTASKS = "meta/subtasks.parquet"  # what the numbers in `subtask_index` mean
 _FIRST = FileNumber(0, 0)
 

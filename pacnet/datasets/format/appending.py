@@ -15,8 +15,11 @@ from numpy.typing import NDArray
 from pyarrow import types
 
 from pacnet.datasets.format import DatasetError
+from pacnet.datasets.format.appending_videos import next_video_files
 from pacnet.datasets.format.features import Recording
-from pacnet.datasets.format.info import INFO, check_same, new_info, read_appendable_info
+from pacnet.datasets.format.file_number import FileNumber
+from pacnet.datasets.format.info import INFO, VIDEO, new_info, read_appendable_info
+from pacnet.datasets.format.matching import check_same
 from pacnet.datasets.format.parquet import (
     as_indices,
     count_rows,
@@ -37,19 +40,6 @@ _POINTERS = (
 )  # fmt: skip
 
 
-class FileNumber(NamedTuple):
-    """The number of a data file or of a file of episodes."""
-
-    chunk_index: int
-    file_index: int
-
-    def next(self, chunks_size: int) -> "FileNumber":
-        """Return the following number, for chunks of `chunks_size` files."""
-        if self.file_index == chunks_size - 1:
-            return FileNumber(self.chunk_index + 1, 0)
-        return FileNumber(self.chunk_index, self.file_index + 1)
-
-
 class Dataset(NamedTuple):
     """A dataset to append to."""
 
@@ -59,12 +49,14 @@ class Dataset(NamedTuple):
     data_files: list[FileNumber]  # in their order
     next_data_file: FileNumber
     next_episodes_file: FileNumber
+    next_video_files: dict[str, FileNumber]  # by camera
     episodes_schema: pa.Schema | None  # None: any
 
     @property
     def dimensions(self) -> dict[str, int]:
-        """Feature -> number of its dimensions, index columns included."""
-        return {name: entry["shape"][0] for name, entry in self.info["features"].items()}
+        """Feature of numbers -> number of its dimensions, index columns included."""
+        features = self.info["features"].items()
+        return {name: entry["shape"][0] for name, entry in features if entry["dtype"] != VIDEO}
 
     def data_path(self, number: FileNumber) -> str:
         """Return the path of a data file in the dataset's folder."""
@@ -122,7 +114,8 @@ def _check_no_files(root: Path) -> None:
 
 
 def _empty_dataset(root: Path, info: dict[str, Any]) -> Dataset:
-    return Dataset(root, info, [], [], FileNumber(0, 0), FileNumber(0, 0), None)
+    first, videos = FileNumber(0, 0), next_video_files(root, info)
+    return Dataset(root, info, [], [], first, first, videos, None)
 
 
 def _read_dataset(root: Path) -> Dataset:
@@ -146,6 +139,7 @@ def _read_dataset(root: Path) -> Dataset:
         files,
         files[-1].next(info["chunks_size"]),
         FileNumber(*rows[-1, 3:].tolist()).next(info["chunks_size"]),
+        next_video_files(root, info),
         schema,
     )
     _check_counts(dataset, n_episodes=len(rows), n_frames=int(rows[-1, 2]))

@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pacnet.datasets.format import DatasetError
-from pacnet.datasets.format.appending import FileNumber
+from pacnet.datasets.format.file_number import FileNumber
 from pacnet.datasets.format.info import FORMAT_VERSION
-from pacnet.datasets.format.paths import check_video_path, path_of_source
+from pacnet.datasets.format.paths import VIDEO_PATH, check_video_path, path_of_source
 from pacnet.datasets.format.tables import read_episode_rows
 
 POINTERS = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
-VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 _EPISODE_FILE = re.compile(r"episode_([0-9]{1,9})\.mp4")
 
 

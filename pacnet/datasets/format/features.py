@@ -3,6 +3,7 @@
 import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple, SupportsIndex, TypeGuard
 
 import numpy as np
@@ -19,6 +20,9 @@ INDEX_COLUMNS = {
 RESERVED = (*INDEX_COLUMNS, "task")
 # Stored dtype -> accepted dtypes, in words.
 STORED = {"float32": "float32 or float64", "int64": "integers", "bool": "booleans"}
+
+_MAX_CAMERA_BYTES = 100
+_MAX_SIDE = 8192  # pixels
 
 Arrays = dict[str, NDArray[np.generic]]
 """Feature name -> values, of the dtype that is stored."""
@@ -37,17 +41,40 @@ class Feature:
     dtype: str = "float32"
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A camera of a recording: red, green and blue, uint8 `[height, width, 3]` in each frame.
+
+    Videos halve the resolution of colours, so both sides are even.
+
+    Attributes:
+        height: number of rows [pixels].
+        width: number of columns [pixels].
+    """
+
+    height: int
+    width: int
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Height, width and number of channels."""
+        return self.height, self.width, 3
+
+
+Features = Mapping[str, Sequence[str] | Feature | Picture]
+"""Feature name -> names of its dimensions, or a `Feature`, or the `Picture` of a camera."""
+
+
 class Recording(NamedTuple):
     """What all episodes of a recording have in common."""
 
     fps: int  # [1/s]
-    features: dict[str, Feature]
+    features: dict[str, Feature]  # of numbers
     robot_type: str | None
+    cameras: Mapping[str, Picture] = MappingProxyType({})
 
 
-def checked_recording(
-    fps: SupportsIndex, features: Mapping[str, Sequence[str] | Feature], robot_type: str | None
-) -> Recording:
+def checked_recording(fps: SupportsIndex, features: Features, robot_type: str | None) -> Recording:
     """Return a recording with its features as they are stored, or raise a ValueError."""
     try:
         rate = 0 if isinstance(fps, bool) else operator.index(fps)
@@ -58,7 +85,13 @@ def checked_recording(
         raise ValueError(f"expected fps as an integer {bound}, got {fps!r}")
     if robot_type is not None and not is_text(robot_type):
         raise ValueError(f"expected robot_type as text or None, got {robot_type!r}")
-    return Recording(rate, checked_features(features), robot_type)
+    if not isinstance(features, Mapping):
+        return Recording(rate, checked_features(features), robot_type)
+    cameras = {name: one for name, one in features.items() if isinstance(one, Picture)}
+    numbers = {name: one for name, one in features.items() if not isinstance(one, Picture)}
+    for name, picture in cameras.items():
+        _check_camera(name, picture)
+    return Recording(rate, checked_features(numbers), robot_type, cameras)
 
 
 def is_text(text: object) -> TypeGuard[str]:
@@ -73,12 +106,32 @@ def checked_features(features: Mapping[str, Sequence[str] | Feature]) -> dict[st
     return {name: _checked_feature(name, feature) for name, feature in features.items()}
 
 
-def _checked_feature(name: str, feature: Sequence[str] | Feature) -> Feature:
+def _check_name(name: object) -> None:
     if not is_text(name) or name in (*RESERVED, "", ".", "..") or "/" in name:
         raise ValueError(
             f"expected feature names as text without '/', not empty, and other than '.', '..', "
             f"{', '.join(RESERVED)}, got {name!r}"
         )
+
+
+def _check_camera(name: str, picture: Picture) -> None:
+    """Refuse what cannot be a camera; its name becomes that of a folder."""
+    _check_name(name)
+    if set(name) & set("\0\\:") or len(name.encode()) > _MAX_CAMERA_BYTES:
+        raise ValueError(
+            f"expected the name of a camera without ':' and '\\', of {_MAX_CAMERA_BYTES} bytes at "
+            f"most, got {name!r}"
+        )
+    sides = picture.height, picture.width
+    if any(type(side) is not int or side % 2 or not 0 < side <= _MAX_SIDE for side in sides):
+        raise ValueError(
+            f"expected {name!r} with an even height and width, 2 to {_MAX_SIDE} pixels, got "
+            f"{picture}"
+        )
+
+
+def _checked_feature(name: str, feature: Sequence[str] | Feature) -> Feature:
+    _check_name(name)
     names, dtype = (
         (feature.names, feature.dtype) if isinstance(feature, Feature) else (feature, "float32")
     )
@@ -95,32 +148,57 @@ def _checked_feature(name: str, feature: Sequence[str] | Feature) -> Feature:
     return Feature(tuple(names), dtype)
 
 
-def checked_episode(features: Mapping[str, Feature], values: Mapping[str, ArrayLike]) -> Arrays:
+def checked_episode(
+    features: Mapping[str, Feature],
+    values: Mapping[str, ArrayLike],
+    cameras: Mapping[str, Picture] = MappingProxyType({}),
+) -> Arrays:
     """Return copies of an episode's values, `[T, D]` each, all of one T > 0, as they are stored.
+
+    Those of cameras are `[T, H, W, 3]`, and are not copied.
 
     Raises:
         ValueError: a feature is missing or unknown, or an array is of another shape or dtype,
             empty, not finite in float32, beyond int64, or not as long as the others.
     """
-    _check_names(features, values)
+    _check_names({**features, **cameras}, values)
     columns = {name: _stored(name, one, values[name], 2) for name, one in features.items()}
+    columns |= {name: _pictures(name, one, values[name], 4) for name, one in cameras.items()}
     lengths = {name: len(rows) for name, rows in columns.items()}
     if len(set(lengths.values())) != 1:
         raise ValueError(f"expected as many frames in every feature, got {lengths}")
     return columns
 
 
-def checked_frame(features: Mapping[str, Feature], values: Mapping[str, ArrayLike]) -> Arrays:
+def checked_frame(
+    features: Mapping[str, Feature],
+    values: Mapping[str, ArrayLike],
+    cameras: Mapping[str, Picture] = MappingProxyType({}),
+) -> Arrays:
     """Return copies of one frame's values, `[D]` each, as they are stored; [] will do for D = 1.
+
+    Those of cameras are `[H, W, 3]`.
 
     Raises:
         ValueError: as `checked_episode`.
     """
-    _check_names(features, values)
-    return {name: _stored(name, one, values[name], 1) for name, one in features.items()}
+    _check_names({**features, **cameras}, values)
+    row = {name: _stored(name, one, values[name], 1) for name, one in features.items()}
+    shown = {name: _pictures(name, one, values[name], 3) for name, one in cameras.items()}
+    return row | {name: np.array(picture) for name, picture in shown.items()}
 
 
-def _check_names(features: Mapping[str, Feature], values: Mapping[str, ArrayLike]) -> None:
+def _pictures(name: str, picture: Picture, values: ArrayLike, ndim: int) -> NDArray[np.generic]:
+    """Return a camera's pictures, `[H, W, 3]` or `[T, H, W, 3]`, after checking them."""
+    shape = f"{[*picture.shape]}" if ndim == 3 else f"[T > 0, {str([*picture.shape])[1:]}"
+    expected = f"expected {name!r} as uint8 of shape {shape}"
+    array = _to_array(values, "uint8", expected)
+    if array.ndim != ndim or array.shape[-3:] != picture.shape or len(array) == 0:
+        raise ValueError(f"{expected}, got shape {list(array.shape)}")
+    return array
+
+
+def _check_names(features: Mapping[str, object], values: Mapping[str, ArrayLike]) -> None:
     expected = f"expected the features {sorted(features)}"
     if not isinstance(values, Mapping):
         raise ValueError(f"{expected} with their values in a mapping, got {type(values).__name__}")
@@ -157,7 +235,9 @@ def _to_array(values: ArrayLike, dtype: str, expected: str) -> NDArray[np.generi
         array = np.asarray(values)
     except (RuntimeError, TypeError, ValueError) as error:  # tensors with gradients, ragged rows
         raise ValueError(f"{expected}, got what numpy cannot take: {error}") from None
-    if dtype == "float32":
+    if dtype == "uint8":
+        accepted = array.dtype == np.uint8
+    elif dtype == "float32":
         accepted = array.dtype in (np.float32, np.float64)
     else:
         accepted = array.dtype.kind in ("iu" if dtype == "int64" else "b")

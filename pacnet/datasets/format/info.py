@@ -2,17 +2,23 @@
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeGuard
 
 from pacnet.datasets.format import DatasetError, unreadable
-from pacnet.datasets.format.features import INDEX_COLUMNS, RESERVED, STORED, Recording
-from pacnet.datasets.format.paths import DATA_PATH, check_data_path
+from pacnet.datasets.format.features import (
+    INDEX_COLUMNS,
+    RESERVED,
+    Picture,
+    Recording,
+)
+from pacnet.datasets.format.paths import DATA_PATH, VIDEO_PATH, check_data_path
 
 FORMAT_VERSION = "v3.0"
 READ_VERSIONS = ("v2.0", "v2.1", FORMAT_VERSION)
 INFO = "meta/info.json"
+VIDEO = "video"  # dtype of a camera whose pictures are in video files
 
 # What LeRobot assumes where a dataset does not say it.
 _DEFAULTS = {"chunks_size": 1000, "data_files_size_in_mb": 100, "data_path": DATA_PATH}
@@ -101,6 +107,9 @@ def new_info(recording: Recording) -> dict[str, Any]:
         name: {"dtype": feature.dtype, "shape": [len(feature.names)], "names": [*feature.names]}
         for name, feature in recording.features.items()
     }
+    features |= {
+        name: _camera_entry(picture, recording.fps) for name, picture in recording.cameras.items()
+    }
     index_columns = {
         name: {"dtype": dtype, "shape": [1], "names": None} for name, dtype in INDEX_COLUMNS.items()
     }
@@ -116,8 +125,30 @@ def new_info(recording: Recording) -> dict[str, Any]:
         "fps": recording.fps,
         "splits": {},
         "data_path": DATA_PATH,
-        "video_path": None,
+        "video_path": VIDEO_PATH if recording.cameras else None,
         "features": features | index_columns,
+    }
+
+
+def _camera_entry(picture: Picture, fps: float) -> dict[str, Any]:
+    """Return the description of a camera."""
+    names = ["height", "width", "channels"]
+    shape = [*picture.shape]
+    return {"dtype": VIDEO, "shape": shape, "names": names, "info": video_details(shape, fps)}
+
+
+def video_details(shape: Sequence[int], fps: float) -> dict[str, Any]:
+    """Return what LeRobot says about videos, for those that we encode."""
+    height, width, channels = shape
+    return {
+        "video.height": height,
+        "video.width": width,
+        "video.codec": "h264",
+        "video.pix_fmt": "yuv420p",
+        "video.is_depth_map": False,
+        "video.fps": int(fps),
+        "video.channels": channels,
+        "has_audio": False,
     }
 
 
@@ -167,39 +198,6 @@ def _check_features(path: Path, features: dict[str, Any]) -> None:
     others = {*RESERVED} & {*features} - {*INDEX_COLUMNS}
     if others:
         raise DatasetError(f"{path}: expected no features {sorted(others)}, which are the format's")
-
-
-def check_same(root: Path, info: dict[str, Any], recording: Recording) -> None:
-    """Raise a ValueError unless a dataset has the features, `fps` and robot of a recording."""
-    features = {name: entry for name, entry in info["features"].items() if name not in RESERVED}
-    for name, entry in features.items():
-        if entry["dtype"] not in STORED:
-            raise ValueError(
-                f"expected a dataset of {', '.join(STORED)}, which is what Recorder stores: with "
-                f"{name!r} being {entry['dtype']}, {root} cannot be appended to with it"
-            )
-    if recording.fps != info["fps"]:
-        raise ValueError(f"expected fps {info['fps']} as in {root}, got {recording.fps}")
-    if set(features) != set(recording.features):
-        raise ValueError(
-            f"expected the features {sorted(features)} as in {root}, "
-            f"got {sorted(recording.features)}"
-        )
-    for name, feature in recording.features.items():
-        names, dtype, shape = list(feature.names), features[name]["dtype"], features[name]["shape"]
-        # Without names in the dataset, any names fit that are as many as its dimensions.
-        unnamed = names if shape == [len(names)] else [f"shape {shape}"]
-        expected = listed_names(features[name]) or unnamed
-        if (dtype, expected) != (feature.dtype, names):
-            raise ValueError(
-                f"expected {name!r} as {dtype} of {expected} as in {root}, "
-                f"got {feature.dtype} of {names}"
-            )
-    robot = info.get("robot_type")
-    if recording.robot_type not in (None, robot):
-        raise ValueError(
-            f"expected robot_type {robot!r} as in {root}, got {recording.robot_type!r}"
-        )
 
 
 def json_bytes(content: Mapping[str, Any]) -> bytes:

@@ -47,6 +47,13 @@ def to_arrow_text(texts: Sequence[str]) -> pa.Array:
     return pa.Array.from_buffers(pa.string(), len(texts), buffers)
 
 
+def to_arrow_bytes(contents: Sequence[bytes]) -> pa.Array:
+    """Return a column of bytes, which may have more than 2 GB together."""
+    offsets = np.cumsum([0, *map(len, contents)], dtype=np.int64)
+    buffers = [None, pa.py_buffer(offsets), pa.py_buffer(b"".join(contents))]
+    return pa.Array.from_buffers(pa.large_binary(), len(contents), buffers)
+
+
 def is_list(kind: pa.DataType) -> bool:
     """Return whether values of a type are lists, of fixed length or not."""
     return types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)

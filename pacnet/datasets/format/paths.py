@@ -14,6 +14,7 @@ from pacnet.datasets.format.features import is_text
 
 _MAX_BYTES = 255  # of a relative path; every file system takes them
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 _DATA_PATH_FORM = re.compile(
     r"data/[\w.-]*\{chunk_index(:0?[1-9]d)?\}[\w.-]*/[\w.-]*\{file_index(:0?[1-9]d)?\}[\w.-]*"
     r"\.parquet",

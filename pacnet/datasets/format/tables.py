@@ -100,8 +100,8 @@ def episodes_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema | None) 
     """Return the table of `meta/episodes`.
 
     Args:
-        rows: for each episode, name of a column -> an integer, a list of numbers, or a list of one
-            text.
+        rows: for each episode, name of a column -> a number, a list of numbers, nested or not, or a
+            list of one text.
         schema: columns of the dataset's older episodes: the new ones get the same, and gaps in
             those that are missing in `rows`.
     """
@@ -118,9 +118,10 @@ def episodes_table(rows: Sequence[Mapping[str, Any]], schema: pa.Schema | None) 
 
 
 def _column(values: Sequence[Any]) -> pa.Array:
-    if isinstance(values[0], int):
-        return to_arrow(np.array(values, dtype=np.int64)[:, None])
-    if isinstance(values[0][0], str):
+    if isinstance(values[0], list) and isinstance(values[0][0], str):
         return to_arrow_lists(to_arrow_text([value[0] for value in values]), 1)
     rows = np.array(values)
-    return to_arrow_lists(to_arrow(rows.reshape(-1, 1)), rows.shape[1])
+    column = to_arrow(rows.reshape(-1, 1))
+    for size in rows.shape[:0:-1]:
+        column = to_arrow_lists(column, size)
+    return column

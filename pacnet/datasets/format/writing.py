@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from pacnet.core.durable import open_synced
-from pacnet.datasets.format.appending import FileNumber
+from pacnet.datasets.format.file_number import FileNumber
 from pacnet.datasets.format.parquet import to_arrow
 
 

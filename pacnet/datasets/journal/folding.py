@@ -13,14 +13,9 @@ import numpy as np
 import pyarrow as pa
 
 from pacnet.datasets.format import DatasetError
-from pacnet.datasets.format.appending import (
-    STATISTICS,
-    Dataset,
-    FileNumber,
-    check_orphans,
-    open_dataset,
-)
+from pacnet.datasets.format.appending import STATISTICS, Dataset, check_orphans, open_dataset
 from pacnet.datasets.format.features import Recording
+from pacnet.datasets.format.file_number import FileNumber
 from pacnet.datasets.format.info import INFO, json_bytes
 from pacnet.datasets.format.parquet import read_columns, to_arrow, to_numpy
 from pacnet.datasets.format.statistics import statistics
@@ -33,6 +28,12 @@ from pacnet.datasets.format.writing import (
     write_synced,
 )
 from pacnet.datasets.journal.episode_file import read_episode
+from pacnet.datasets.journal.folding_videos import (
+    EXAMPLE,
+    camera_columns,
+    described_videos,
+    stage_videos,
+)
 from pacnet.datasets.journal.journal import Journal
 from pacnet.datasets.journal.staging import Stage, finish_commit
 
@@ -73,15 +74,19 @@ def check_ready(root: Path, recording: Recording) -> None:
         for name, feature in recording.features.items()
     }
     frame = _with_index_columns(dataset, pa.table(columns), 0, 0, 0)
-    _episodes_content(dataset, [_episode_row(dataset, frame, "task", dataset.next_data_file)])
+    row = _episode_row(dataset, frame, "task", dataset.next_data_file)
+    for camera in recording.cameras:
+        row |= camera_columns(camera, *EXAMPLE)
+    _episodes_content(dataset, [row])
 
 
 def _stage_files(dataset: Dataset, episodes: Sequence[Path], stage: Stage) -> None:
     """Write the dataset's next files, those that a reader opens first at the end."""
     tasks = list(dataset.tasks)
     new_paths, rows = _stage_frames(dataset, episodes, tasks, stage)
+    pictures = stage_videos(dataset, episodes, rows, stage)
     check_orphans(dataset, stage.paths)
-    _write(stage, STATISTICS, json_bytes(_statistics_of(dataset, new_paths)))
+    _write(stage, STATISTICS, json_bytes(_statistics_of(dataset, new_paths) | pictures))
     _write(stage, TASKS, parquet_content(tasks_table(tasks)))
     _write(stage, dataset.episodes_path(), _episodes_content(dataset, rows))
     counts = {
@@ -90,7 +95,7 @@ def _stage_files(dataset: Dataset, episodes: Sequence[Path], stage: Stage) -> No
         "total_tasks": len(tasks),
     }
     splits = {"splits": {"train": f"0:{counts['total_episodes']}"}}
-    _write(stage, INFO, json_bytes(dataset.info | counts | splits))
+    _write(stage, INFO, json_bytes(dataset.info | counts | splits | described_videos(dataset)))
 
 
 def _statistics_of(dataset: Dataset, new_paths: Sequence[Path]) -> dict[str, Any]:
@@ -118,7 +123,7 @@ def _stage_frames(
     ) as files:
         for index, path in enumerate(episodes, start=dataset.info["total_episodes"]):
             recording, task, table = read_episode(path)
-            if recording[:2] != first[:2]:
+            if recording._replace(robot_type=None) != first._replace(robot_type=None):
                 raise DatasetError(f"{path} is of another recording than {episodes[0].name}")
             if task not in tasks:
                 tasks.append(task)

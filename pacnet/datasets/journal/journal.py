@@ -5,8 +5,10 @@ that holds the lock in it is the one that records.
 """
 
 import os
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 
 from filelock import BaseFileLock, FileLock, Timeout
 
@@ -63,9 +65,22 @@ class Journal:
         """Return the files of the episodes, in the order in which they were saved."""
         return _episode_files(self.folder)
 
-    def add(self, recording: Recording, task: str, columns: Arrays) -> None:
-        """Append an episode with these features `[T, D]`; it is on the disk when this returns."""
-        content = episode_bytes(recording, task, columns)
+    def add(
+        self,
+        recording: Recording,
+        task: str,
+        columns: Arrays,
+        images: Mapping[str, Sequence[bytes]] = MappingProxyType({}),
+    ) -> None:
+        """Append an episode; it is on the disk when this returns.
+
+        Args:
+            recording: what it is part of.
+            task: its task.
+            columns: its features `[T, D]`.
+            images: camera -> T pictures as PNG.
+        """
+        content = episode_bytes(recording, task, columns, images)
         write_atomically(self.folder / f"episode-{self._next:06d}.arrow", content)
         self._next += 1
 

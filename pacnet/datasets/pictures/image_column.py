@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -18,9 +16,9 @@ from pacnet.core.lfs import is_lfs_pointer
 from pacnet.datasets.format import DatasetError, unreadable
 from pacnet.datasets.format.frame_rows import FrameReader, Rows
 from pacnet.datasets.format.paths import path_of_source
-from pacnet.datasets.pictures.decoders import import_decoder
-from pacnet.datasets.pictures.footage import DepthPictures, Footage, Pictures
-from pacnet.datasets.pictures.reducing import LARGEST_SIDE, reduce
+from pacnet.datasets.pictures.footage import Footage, Pictures
+from pacnet.datasets.pictures.image_file import decode_image
+from pacnet.datasets.pictures.reducing import reduce
 from pacnet.datasets.pictures.stamps import stamp
 
 _MAX_BYTES = 2**28  # of a picture's file
@@ -65,7 +63,7 @@ class ImageColumn:
             raise DatasetError(f"expected images in {self._camera!r}, found {kind}")
         for number, cell in enumerate(column):
             try:
-                yield number, reduce(_decoded(self._content(cell)))
+                yield number, reduce(decode_image(self._content(cell)))
             except DatasetError as error:
                 raise type(error)(f"frame {number}: {error}") from error
 
@@ -89,20 +87,3 @@ class ImageColumn:
             return path.read_bytes()
         except OSError as error:
             raise unreadable(path, error) from error
-
-
-def _decoded(content: bytes) -> NDArray[np.uint8]:
-    """Return a picture as RGB `[H, W, 3]`; grey becomes such, transparency is dropped."""
-    images: Any = import_decoder("PIL.Image")
-    try:
-        with images.open(io.BytesIO(content), formats=("PNG", "JPEG")) as image:
-            if max(image.size) > LARGEST_SIDE:
-                size = "x".join(map(str, image.size))
-                raise DatasetError(f"expected sides up to {LARGEST_SIDE} pixels, found {size}")
-            if image.mode[0] in "IF":
-                raise DepthPictures(f"it shows distances (mode {image.mode})")
-            return np.asarray(image.convert("RGB"))
-    except DatasetError:
-        raise
-    except Exception as error:  # damaged files raise whatever Pillow's readers run into
-        raise DatasetError(f"expected a picture as PNG or JPEG, found: {error}") from error
