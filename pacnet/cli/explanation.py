@@ -48,7 +48,7 @@ def explain(
         "frame": frame,
         "seconds": frame / demonstrations.fps,
         "decision": "acts" if step.action is not None else "holds",
-        "reason": reason_of(step, imitator).sentence,
+        "reason": reason_of(step, imitator.cameras).sentence,
         "asked_for": None if task is None else task_name(task),
         "progress": step.progress,
         "is_done": step.is_done,

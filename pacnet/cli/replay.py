@@ -17,6 +17,7 @@ from pacnet.evaluation.recognized import RecognizedEpisode
 from pacnet.imitator.imitator import Imitator
 from pacnet.imitator.records import ImitatorStep
 from pacnet.kernels.threads import use_one_thread
+from pacnet.vision.cameras import Cameras
 from pacnet.vision.config import PATCHES
 
 _BLOCK = 50  # frames between two updates of the progress bar
@@ -97,14 +98,19 @@ def _replay_one(
         RecognizedEpisode(shown, recognition),
         tuple(step.dimension for step in steps),
         torch.tensor([step.action is not None for step in steps]),
-        tuple(reason_of(step, imitator).short for step in steps),
+        tuple(reason_of(step, imitator.cameras).short for step in steps),
         steps[-1].progress,
     )
 
 
-def reason_of(step: ImitatorStep, imitator: Imitator) -> Reason:
-    """Return why there is an action, or none."""
-    encoders = {} if imitator.cameras is None else imitator.cameras.encoders
+def reason_of(step: ImitatorStep, cameras: Cameras | None = None) -> Reason:
+    """Return why there is an action, or none.
+
+    Args:
+        step: of an imitator.
+        cameras: of that imitator; None for none.
+    """
+    encoders = {} if cameras is None else cameras.encoders
     if step.is_novel and step.dimension in encoders:
         camera = short_name(step.dimension)
         if encoders[step.dimension].config.kind == PATCHES:
