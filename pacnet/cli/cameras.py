@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from pacnet.vision.config import Told
 
 _ENOUGH = 5  # demonstrations, from which on a camera can be judged
-_NO_HAND = (
-    "not used, since nothing says where the hand is: name it with --points "
-    "'hand=FEATURE[FIRST:END]', or a body with --body"
+_NOTHING_TOLD = (
+    "not used: neither is the hand known, nor are actions places of the robot's state; name it with "
+    "--points 'hand=FEATURE[FIRST:END]', or a body with --body"
 )
 
 
@@ -63,8 +63,8 @@ def describe_cameras(
     Returns:
         For each camera its `feature`, whether it is `used`, and whether it is in all episodes
         (`everywhere`); the `error` with which it tells where the hand will be, and that without it
-        (`alone`), both with each demonstration left out and in the hand's unit, None where it was
-        not judged; by which `encoder`, and from how many `demonstrations`.
+        (`alone`), both with each demonstration left out and in the hand's unit, or scaled where
+        postures are told, None where it was not judged; by which `encoder`, and from how many `demonstrations`.
     """
     own = {} if imitator.cameras is None else imitator.cameras.encoders
     used = [
@@ -109,7 +109,7 @@ def camera_pairs(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     Args:
         document: with that as `cameras`, and `points` as of `pacnet.cli.points.describe_points`.
     """
-    moved = next(iter(document["points"]), "the hand")
+    moved = next(iter(document["points"]), None)
     texts = [f"{short_name(one['feature'])}: {_text(one, moved)}" for one in document["cameras"]]
     return [("cameras" if number == 0 else "", text) for number, text in enumerate(texts)]
 
@@ -119,16 +119,18 @@ def short_name(feature: str) -> str:
     return feature.split(".")[-1]
 
 
-def _text(camera: Mapping[str, Any], moved: str) -> str:
+def _text(camera: Mapping[str, Any], moved: str | None) -> str:
+    """Return what a camera tells of where the moved point will be, or without one the posture."""
     if camera["used"]:
+        what, unit = (moved, f"the unit of {moved}") if moved else ("the posture", "scaled angles")
         return (
-            f"where {moved} will go within {camera['error']:.3g}; state alone "
-            f"{camera['alone']:.3g} ({camera['encoder']}, in the unit of {moved})"
+            f"where {what} will go within {camera['error']:.3g}; state alone "
+            f"{camera['alone']:.3g} ({camera['encoder']}, in {unit})"
         )
     if not camera["everywhere"]:
         return "not used, since some episodes lack it"
     if camera["error"] is None:
-        return _NO_HAND
+        return _NOTHING_TOLD
     if camera["demonstrations"] < _ENOUGH:
         return f"not used: too few demonstrations to tell, from {_ENOUGH} on"
     return f"does not help: within {camera['error']:.3g}; state alone {camera['alone']:.3g}"

@@ -45,7 +45,7 @@ def explain(
     step = [*imitator.follow(until)][-1]
     sights = look_at(imitator, until)
     percept = until.percepts[-1]
-    if sights is not None:
+    if sights is not None and imitator.config.tells_places:
         percept = torch.cat([percept, torch.from_numpy(sights.seen.goals)])
     document = {
         "dataset": demonstrations.source,

@@ -48,10 +48,13 @@ class Sight:
         self._last: Seen | None = None
         self._shares = _shares_of(encoders)
 
+    @property
+    def last(self) -> Seen | None:
+        """What was seen last, once the hand may be in the way; None before: look."""
+        return self._last if self._frames > self._until else None
+
     def __call__(self, pictures: Sequence[NDArray[np.uint8]]) -> Seen:
         """Return what is seen now, from one reduced picture `[h, w, 3]` of each camera."""
-        if self._last is not None and self._frames > self._until:
-            return self._last
         looks = [
             encoder.look(torch.from_numpy(np.ascontiguousarray(picture)))
             for encoder, picture in zip(self._encoders, pictures, strict=True)
