@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 _ENOUGH = 5  # demonstrations, from which on a camera can be judged
 _NOTHING_TOLD = (
-    "not used: neither is the hand known, nor are actions places of the robot's state; name it with "
-    "--points 'hand=FEATURE[FIRST:END]', or a body with --body"
+    "not used: neither is the hand known, nor are actions places of the robot's state; name it "
+    "with --points 'hand=FEATURE[FIRST:END]', or a body with --body"
 )
 
 
@@ -64,7 +64,8 @@ def describe_cameras(
         For each camera its `feature`, whether it is `used`, and whether it is in all episodes
         (`everywhere`); the `error` with which it tells where the hand will be, and that without it
         (`alone`), both with each demonstration left out and in the hand's unit, or scaled where
-        postures are told, None where it was not judged; by which `encoder`, and from how many `demonstrations`.
+        postures are told, None where it was not judged; by which `encoder`, and from how many
+        `demonstrations`.
     """
     own = {} if imitator.cameras is None else imitator.cameras.encoders
     used = [

@@ -132,7 +132,8 @@ class Imitator(ImitatorState):
         )
         cameras, reports = seeing.cameras, seeing.reports
         has_pictures = any(shown.pictures for shown in demonstrations)
-        if has_pictures and config.frames is None and encoder != NONE:
+        told_nothing = bool(reports) and cameras is None  # not even a place
+        if has_pictures and config.frames is None and encoder != NONE and not told_nothing:
             config = choose_settings(demonstrations, targets, lead, budget, None, None)
             cameras, reports = see_postures(demonstrations, config, encoder)
             config = replace(config, cameras=None if cameras is None else cameras.config)
