@@ -124,8 +124,9 @@ def _text(camera: Mapping[str, Any], moved: str | None) -> str:
     """Return what a camera tells of where the moved point will be, or without one the posture."""
     if camera["used"]:
         what, unit = (moved, f"the unit of {moved}") if moved else ("the posture", "scaled angles")
+        judged = "" if camera["error"] < camera["alone"] else "used as asked, does not help: "
         return (
-            f"where {what} will go within {camera['error']:.3g}; state alone "
+            f"{judged}where {what} will go within {camera['error']:.3g}; state alone "
             f"{camera['alone']:.3g} ({camera['encoder']}, in {unit})"
         )
     if not camera["everywhere"]:
