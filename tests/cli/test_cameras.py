@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sights
-import torch
 from command_line import refusal, rows_under, run, value_of
 from sights import TOP
 
@@ -113,20 +112,6 @@ def test_without_a_decoder_it_goes_on_unless_cameras_are_asked_for(
         capsys, "fit", folder / "shown", "--out", tmp_path / "other", "--cameras", "top"
     )
     assert "pip install 'pacnet[cameras]'" in message
-
-
-def test_recordings_are_seen_and_do_not_tell_themselves(folder: Path):
-    imitator = Imitator.from_pretrained(folder / "imitator")
-    shown = load_demonstrations(folder / "others", cameras="all")
-    still = tuple(replace(one, state=torch.zeros_like(one.state)) for one in shown)
-    seen = imitator.seen(shown)
-    same = imitator.seen(replace(shown, episodes=still))
-    for one, other, known in zip(seen, same, shown, strict=True):
-        torch.testing.assert_close(one.encoded, other.encoded, rtol=0, atol=0)
-        goal = known.state[-1]  # where the hand is in the end
-        assert (one.encoded[-1, -2:] - goal).norm() < 0.05
-    (first, second) = [[*imitator.follow(one)] for one in shown][:2]
-    assert not any(step.is_novel for step in (*first, *second))
 
 
 def test_watch_says_that_nothing_is_found(folder: Path, capsys: pytest.CaptureFixture[str]):
