@@ -9,18 +9,19 @@ from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 
 TOP = "observation.images.top"
 NAMES = {"observation.state": ("hand.x", "hand.y"), "action": ("dx", "dy")}
-FPS, FRAMES, SIDE = 20, 40, 96  # [1/s], frames, [pixels]
+FPS, FRAMES = 20, 40  # [1/s], frames
+HEIGHT, WIDTH = 96, 112  # [pixels]
 
 
 def picture(goal: np.ndarray, hand: np.ndarray, seen: bool = True) -> np.ndarray:
     """A square with a dark bar at the goal, and the hand's dot above, on a floor with structure."""
-    rows, columns = np.mgrid[:SIDE, :SIDE]
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     image = np.stack([90 + rows, 70 + columns, 80 + (rows + columns) // 3], 2).astype(np.uint8)
     row, column = pixel_of(goal)
     if seen:
         image[row - 6 : row + 7, column - 6 : column + 7] = (250, 220, 40)
         image[row - 2 : row + 3, column - 4 : column + 3] = (20, 20, 120)
-    row, column = pixel_of(hand).clip(11, SIDE - 3)
+    row, column = pixel_of(hand).clip(11, HEIGHT - 3)
     image[row - 11 : row - 8, column - 2 : column + 2] = (200, 30, 30)
     return image
 

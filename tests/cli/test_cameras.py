@@ -1,6 +1,7 @@
 """The command line looks at cameras, says what each tells, and draws what is seen."""
 
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -98,6 +99,20 @@ def test_another_imitator_keeps_its_cameras(
     assert len(encoder.shown) == SHOWN + 2
 
 
+def test_missing_files_of_a_camera_are_noted_once(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    shutil.copytree(folder / "shown", tmp_path / "shown")
+    shutil.rmtree(tmp_path / "shown" / "videos")
+    assert run("fit", tmp_path / "shown", "--out", tmp_path / "out") == 0
+    out, notes = capsys.readouterr()
+    assert notes.count(f"note: left out the camera {TOP!r}: none of its files is there") == 1
+    assert "cameras" not in out
+    other = Imitator.from_pretrained(tmp_path / "out")
+    assert run("fit", folder / "blind", "--out", tmp_path / "blind") == 0
+    assert other.config.percepts == Imitator.from_pretrained(tmp_path / "blind").config.percepts
+
+
 def test_without_a_decoder_it_goes_on_unless_cameras_are_asked_for(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -135,7 +150,7 @@ def test_explain_has_boxes_and_draws_both_pictures(
     # The square is 13 pixels wide; a patch of 5 may overlap it by a half.
     goal = load_demonstrations(folder / "others").episodes[1].state[-1].numpy()
     row, column = sights.pixel_of(goal)
-    left, top, right, bottom = np.multiply(camera["boxes"][0], sights.SIDE)
+    left, top, right, bottom = np.multiply(camera["boxes"][0], [sights.WIDTH, sights.HEIGHT] * 2)
     assert abs((left + right) / 2 - column) < 9
     assert abs((top + bottom) / 2 - row) < 9
     assert camera["doubt"] < 1
@@ -176,7 +191,7 @@ def test_pictures_of_another_aspect_are_refused(
     episodes = [replace(one, pictures={TOP: one.pictures[TOP][:, :48]}) for one in wide]
     sights.write(tmp_path / "wide", replace(wide, episodes=tuple(episodes)))
     message = refusal(capsys, "watch", folder / "imitator", tmp_path / "wide")
-    assert f"expected pictures of {TOP!r} that are 96 x 96 pixels when reduced" in message
+    assert f"expected pictures of {TOP!r} that are 112 x 96 pixels when reduced" in message
 
 
 def test_what_is_held_out_is_seen(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 import sights
 import torch
-from sights import NAMES, SIDE, TOP
+from sights import HEIGHT, NAMES, TOP, WIDTH
 from torch import Tensor
 
 pytest.importorskip("lerobot")
 pytest.importorskip("lerobot_policy_pacnet")
 
 from lerobot.configs.types import FeatureType, PolicyFeature
+from lerobot.envs.utils import preprocess_observation
 from lerobot.policies.factory import make_pre_post_processors
 from lerobot_policy_pacnet.pictures import pictures_of
 
@@ -45,7 +46,7 @@ def trained(folder: Path) -> PACNetPolicy:
 def config_of(**settings) -> PACNetConfig:
     config = PACNetConfig(device="cpu", **settings)
     config.input_features = {
-        TOP: PolicyFeature(FeatureType.VISUAL, (3, SIDE, SIDE)),
+        TOP: PolicyFeature(FeatureType.VISUAL, (3, HEIGHT, WIDTH)),
         STATE: PolicyFeature(FeatureType.STATE, (2,)),
     }
     config.output_features = {ACTION: PolicyFeature(FeatureType.ACTION, (2,))}
@@ -117,9 +118,11 @@ def test_it_acts_on_pictures_as_the_imitator_does(folder: Path, trained: PACNetP
     expected = [[*trained.imitator.fork().follow(one)] for one in (first, second)]
     before, _ = make_pre_post_processors(trained.config)
     for frame in range(20):
-        rows = [one.pictures[TOP][frame] for one in (first, second)]
-        batch = {STATE: torch.stack([one.state[frame] for one in (first, second)])}
-        action = trained.select_action(before({**batch, TOP: as_lerobot(np.stack(rows))}))
+        observation = {  # of two environments at once
+            "agent_pos": np.stack([one.state[frame].numpy() for one in (first, second)]),
+            "pixels": {"top": np.stack([one.pictures[TOP][frame] for one in (first, second)])},
+        }
+        action = trained.select_action(before(preprocess_observation(observation)))
         wanted = np.stack([steps[frame].action for steps in expected])
         np.testing.assert_array_equal(action.numpy(), wanted)
 
@@ -206,14 +209,20 @@ def test_the_loss_is_without_what_cameras_tell(folder: Path, trained: PACNetPoli
     ("batch", "message"),
     [
         ({}, rf"expected the picture '{TOP}' in the batch, got observation\.state"),
-        ({TOP: torch.zeros(1, 1, 96, 96)}, r"of shape \[1, 3, height, width\], got \[1, 1, 96, 96"),
-        ({TOP: torch.zeros(2, 3, 96, 96)}, r"of shape \[1, 3, height, width\], got \[2, 3, 96, 96"),
         (
-            {TOP: torch.full((1, 3, 96, 96), 255.0)},
+            {TOP: torch.zeros(1, 1, 96, 112)},
+            r"of shape \[1, 3, height, width\], got \[1, 1, 96, 112",
+        ),
+        (
+            {TOP: torch.zeros(2, 3, 96, 112)},
+            r"of shape \[1, 3, height, width\], got \[2, 3, 96, 112",
+        ),
+        (
+            {TOP: torch.full((1, 3, 96, 112), 255.0)},
             r"float from 0 to 1, got torch\.float32 from 255",
         ),
-        ({TOP: torch.full((1, 3, 96, 96), torch.nan)}, "float from 0 to 1"),
-        ({TOP: torch.zeros(1, 3, 48, 96)}, "96 x 96 pixels when reduced, got 96 x 48"),
+        ({TOP: torch.full((1, 3, 96, 112), torch.nan)}, "float from 0 to 1"),
+        ({TOP: torch.zeros(1, 3, 48, 112)}, "112 x 96 pixels when reduced, got 112 x 48"),
     ],
 )
 def test_other_pictures_are_refused(batch: dict, message: str, trained: PACNetPolicy):
