@@ -44,6 +44,16 @@ def test_following_is_stepping_through_frames_and_pictures(imitator: Imitator):
     assert not np.allclose(followed, others, atol=1e-3)  # the picture decides
 
 
+def test_each_frame_has_its_own_picture(imitator: Imitator):
+    one = sights.demonstrations(1, seed=7).episodes[0]
+    bare = sights.demonstrations(1, seed=7, seen=False).episodes[0]
+    late = {TOP: np.concatenate([bare.pictures[TOP][:9], one.pictures[TOP][9:]])}
+    imitator.reset()
+    novel = [step.is_novel for step in imitator.follow(replace(one, pictures=late))]
+    assert all(novel[:9])  # the square is put there at the tenth frame
+    assert not any(novel[20:])
+
+
 def test_an_episode_without_pictures_is_named(imitator: Imitator):
     bare = replace(sights.demonstrations(1).episodes[0], pictures={}, episode=12)
     imitator.reset()

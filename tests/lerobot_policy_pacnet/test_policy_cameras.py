@@ -17,7 +17,7 @@ pytest.importorskip("lerobot_policy_pacnet")
 from lerobot.configs.types import FeatureType, PolicyFeature
 from lerobot.envs.utils import preprocess_observation
 from lerobot.policies.factory import make_pre_post_processors
-from lerobot_policy_pacnet.pictures import pictures_of
+from lerobot_policy_pacnet.pictures import DatasetPictures, pictures_of
 
 from lerobot_policy_pacnet import PACNetConfig, PACNetPolicy
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
@@ -171,6 +171,20 @@ def test_an_unfinished_pass_is_seen_too_and_goes_on(folder: Path, tmp_path: Path
     expected.learn(shown)
     for name, tensor in expected.state_dict().items():
         torch.testing.assert_close(again.imitator.state_dict()[name], tensor, msg=name)
+
+
+def test_frames_that_were_collected_have_their_own_pictures(folder: Path):
+    pictures = DatasetPictures(folder / "shown", [TOP], named=True)
+    expected = seen(folder / "shown").episodes[2].pictures[TOP]
+    first = 2 * sights.FRAMES
+    some = pictures.of_frames(2, first + torch.tensor([0, 5, 39]))
+    np.testing.assert_array_equal(some[TOP], expected[[0, 5, 39]])
+    every = pictures.of_frames(2, torch.arange(first, first + sights.FRAMES))
+    np.testing.assert_array_equal(every[TOP], expected)
+    with pytest.raises(ValueError, match="expected 40 frames in episode 2, got others"):
+        pictures.of_frames(2, torch.tensor([first - 1]))
+    with pytest.raises(ValueError, match="expected pictures of episode 9"):
+        pictures.of_frames(9, torch.tensor([0]))
 
 
 def test_a_second_dataset_is_seen_by_the_same_cameras(folder: Path, tmp_path: Path):
