@@ -6,12 +6,11 @@ import argparse
 import sys
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
-from pacnet.cli.cameras import add_cameras, camera_pairs, cameras_of, describe_cameras
-from pacnet.cli.cuts import cut_pairs, describe_cuts
+from pacnet.cli.cameras import add_cameras, cameras_of, describe_cameras
+from pacnet.cli.fit_report import print_learned
 from pacnet.cli.fit_usage import check_out, check_usage
 from pacnet.cli.held_out import add_held_out, compare, to_learn
 from pacnet.cli.parsing import (
@@ -25,18 +24,9 @@ from pacnet.cli.points import (
     NONE,
     add_points,
     body_of,
-    describe_points,
     points_of,
-    points_text,
 )
-from pacnet.cli.printing import counted, print_pairs, progress_bar, size_text
-from pacnet.cli.reports import (
-    count_episodes,
-    describe_forward_model,
-    describe_reports,
-    forward_model_text,
-    print_reports,
-)
+from pacnet.cli.printing import counted, progress_bar
 
 if TYPE_CHECKING:
     from pacnet.datasets.demonstrations import Demonstrations
@@ -151,7 +141,7 @@ def run(arguments: argparse.Namespace) -> None:
     with defer_sigint():
         imitator.save_pretrained(folder)
     cameras = describe_cameras(imitator, shown if known is None else None)
-    _print(imitator, before, seconds, folder, cameras)
+    print_learned(imitator, before, seconds, folder, cameras)
     if parted:
         compare(parted, imitator, untrained)
 
@@ -218,47 +208,3 @@ def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool
     frames = sum(len(shown.state) for shown in demonstrations)
     with progress_bar("learning", frames) as advance:
         imitator.learn(demonstrations, advance, corrections=corrections)
-
-
-def _print(
-    imitator: Imitator,
-    before: int,
-    seconds: float,
-    folder: Path,
-    cameras: Sequence[Mapping[str, Any]],
-) -> None:
-    """Print what was learned after the first `before` reports, and what the cameras tell."""
-    from pacnet.cli.loading import size_of
-
-    print_reports(describe_reports(imitator)[before:])
-    print()
-    new = imitator.reports[before:]
-    episodes, frames = count_episodes(new), sum(report.frames for report in new)
-    parts = f" in {len(new):,} parts" if len(new) > episodes else ""
-    learned = (
-        f"{counted(episodes, 'episode')}{parts}, {counted(frames, 'frame')} in {seconds:.1f} s"
-    )
-    if before:
-        learned += f" ({counted(count_episodes(imitator.reports), 'episode')} in all)"
-    points = describe_points(imitator.config)
-    pairs = [
-        ("learned", learned),
-        ("nodes", f"{len(imitator.sofm):,}"),
-        ("tasks", f"{len(imitator.tasks):,}"),
-        ("targets", _targets(imitator)),
-        ("points", points_text(points)),
-        *camera_pairs(points | {"cameras": cameras}),
-        *cut_pairs(points | describe_cuts(imitator)),
-        ("checkpoint", f"{folder}, {size_text(size_of(folder))}"),
-    ]
-    model = describe_forward_model(imitator)
-    if model is not None:
-        pairs.insert(-1, ("forward model", forward_model_text(model)))
-    print_pairs(pairs)
-
-
-def _targets(imitator: Imitator) -> str:
-    """Return how many targets are kept, and of what."""
-    kept, shown = len(imitator.memory.rows), sum(report.frames for report in imitator.reports)
-    of = "" if kept == shown else f" of {shown:,} shown"
-    return f"{kept:,} {imitator.config.targets}s{of}"

@@ -23,10 +23,10 @@ from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.parts import check_policy, record_parts
 from lerobot_policy_pacnet.pictures import pictures_of
+from lerobot_policy_pacnet.telling import novelty_of, tell_cameras
 from lerobot_policy_pacnet.training import Training
 from pacnet.imitator.imitator import Imitator, full_precision
 from pacnet.imitator.records import ImitatorStep
-from pacnet.vision.config import NONE
 
 _DOWNLOAD = ("revision", "cache_dir", "force_download", "local_files_only", "token")
 logger = logging.getLogger(__name__)
@@ -97,7 +97,7 @@ class PACNetPolicy(PreTrainedPolicy):
                 self._learn(batch, percepts)
             imitator = self.imitator
             if imitator is not None:
-                novelty = _novelty_of(imitator, percepts)
+                novelty = novelty_of(imitator, percepts)
         nodes = 0 if imitator is None else len(imitator.sofm)
         return novelty + 0 * self.anchor.sum(), {"nodes": float(nodes)}
 
@@ -215,7 +215,7 @@ class PACNetPolicy(PreTrainedPolicy):
                 "one pass is --steps=%d",
                 training, -(-training.dataset.frames // self._batch_size),
             )  # fmt: skip
-            _tell_cameras(training.imitator)
+            tell_cameras(training.imitator)
 
     def _training_of(self, meta: Any) -> Training:
         """Return the current training; begin a new one if the dataset has changed."""
@@ -253,29 +253,6 @@ class PACNetPolicy(PreTrainedPolicy):
             with torch.inference_mode(False):
                 self._actors = [Actor(imitator) for _ in range(rows)]
         return self._actors
-
-
-def _novelty_of(imitator: Imitator, percepts: Tensor) -> float:
-    """Return how far percepts `[B, P]` are from the map on average, from 0 to 1.
-
-    What cameras tell is left out of it.
-    """
-    sofm, width = imitator.sofm, percepts.shape[1]
-    if imitator.cameras is None:
-        return float(1 - sofm(percepts).activation.mean())
-    scale = sofm.scale[:width]
-    apart = torch.cdist(percepts * scale, sofm.prototypes[:, :width] * scale)
-    return float(1 - torch.exp(-apart.min(dim=1).values).mean())
-
-
-def _tell_cameras(imitator: Imitator | None) -> None:
-    """Log what each camera tells."""
-    for feature, kind, told in () if imitator is None else imitator.camera_reports:
-        about = "does not help" if kind == NONE else f"is used ({kind})"
-        logger.info(
-            "%s %s: where the hand will go within %.3g; state alone %.3g",
-            feature, about, told.error, told.alone,
-        )  # fmt: skip
 
 
 def _check_alone() -> None:
