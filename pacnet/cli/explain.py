@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from pacnet.cli.cameras import short_name
 from pacnet.cli.parsing import (
     Commands,
     add_checkpoint,
@@ -13,9 +15,14 @@ from pacnet.cli.parsing import (
     add_dataset,
     add_json,
     add_task,
+    check_folder,
+    path,
     whole_number,
 )
 from pacnet.cli.printing import NOTHING, print_json, print_pairs, print_table
+
+if TYPE_CHECKING:
+    from pacnet.imitator.imitator import Imitator
 
 _DETAILS = """The imitator runs over the episode from its start to the frame, as on the robot, since
 earlier frames decide which demonstrations it follows, and where in each of them it is. The output
@@ -42,6 +49,11 @@ def add_to(commands: Commands) -> None:
         help="frame of the episode, counted from 0",
     )  # fmt: skip
     add_task(parser)
+    parser.add_argument(
+        "--out", type=path, metavar="DIR",
+        help="with cameras: draw the frame beside the remembered picture of what is followed, with "
+        "boxes around what is attended to, to DIR/episode_NNN_frame_NNNN.png",
+    )  # fmt: skip
     add_json(parser)
 
 
@@ -58,11 +70,26 @@ def run(arguments: argparse.Namespace) -> None:
     if several is not None and episode not in several:
         raise ValueError(f"expected --episode among --episodes, got {episode}")
     demonstrations = load_percepts(imitator, arguments)
-    document = explain(imitator, demonstrations, episode, arguments.frame, arguments.task)
+    picture = _picture(imitator, arguments)
+    document = explain(imitator, demonstrations, episode, arguments.frame, arguments.task, picture)
     if arguments.json:
         print_json(document)
-    else:
-        print_explanation(document)
+        return
+    print_explanation(document)
+    if picture is not None:
+        print()
+        print_pairs([("picture", str(picture))])
+
+
+def _picture(imitator: Imitator, arguments: argparse.Namespace) -> Path | None:
+    """Return the file to draw to, if that was asked for, after making its folder."""
+    if arguments.out is None:
+        return None
+    if imitator.cameras is None:
+        raise ValueError("expected --out with an imitator that looks at cameras, it has none")
+    check_folder("--out", arguments.out)
+    Path(arguments.out).mkdir(parents=True, exist_ok=True)
+    return Path(arguments.out) / f"episode_{arguments.episode:03}_frame_{arguments.frame:04}.png"
 
 
 def print_explanation(document: Mapping[str, Any]) -> None:
@@ -91,6 +118,7 @@ def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("decision", f"{document['decision']}: {document['reason']}"),
         ("follows", follows),
         *([] if segment is None else _segment_pairs(segment)),
+        *_camera_pairs(document["cameras"]),
         ("progress", f"{document['progress']:.1%}{done}"),
         (
             "novelty",
@@ -103,6 +131,17 @@ def _summary(document: Mapping[str, Any]) -> list[tuple[str, str]]:
             f"({match})",
         ),
     ]
+
+
+def _camera_pairs(cameras: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Return what each camera sees, in words."""
+    texts = [
+        f"{short_name(one['feature'])}: doubt {one['doubt']:.2f} (new above 1), last looked at "
+        f"{one['looked_at']:.2f} s; as episode {one['remembered']['episode']} of "
+        f"{one['remembered']['dataset']} began"
+        for one in cameras
+    ]
+    return [("cameras" if number == 0 else "", text) for number, text in enumerate(texts)]
 
 
 def _segment_pairs(segment: Mapping[str, Any]) -> list[tuple[str, str]]:

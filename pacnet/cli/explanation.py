@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pacnet.cli.explained_pictures import describe_sights, draw, look_at
 from pacnet.cli.explained_segment import followed_segment, moved_deviation
 from pacnet.cli.replay import reason_of
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
@@ -21,6 +24,7 @@ def explain(
     episode: int,
     frame: int,
     task: str | None = None,
+    picture: Path | None = None,
 ) -> dict[str, Any]:
     """Run over the episode from its start to the frame, and return what decided there.
 
@@ -30,23 +34,27 @@ def explain(
         episode: number of the episode in its dataset.
         frame: of the episode, from 0.
         task: as of `Imitator.reset`.
+        picture: file to draw what the cameras see to, beside what is remembered; None for none.
 
     Raises:
         ValueError: no such episode or frame, or an unknown task.
     """
     shown = _find(demonstrations, episode, frame)
     imitator.reset(task)
-    percepts = shown.percepts[: frame + 1]
-    step = [imitator.step(percept) for percept in percepts.numpy()][-1]
-    percept = percepts[-1]
-    return {
+    until = shown.part(0, frame + 1)
+    step = [*imitator.follow(until)][-1]
+    sights = look_at(imitator, until)
+    percept = until.percepts[-1]
+    if sights is not None and imitator.config.tells_places:
+        percept = torch.cat([percept, torch.from_numpy(sights.seen.goals)])
+    document = {
         "dataset": demonstrations.source,
         "episode": episode,
         "task": shown.task,
         "frame": frame,
         "seconds": frame / demonstrations.fps,
         "decision": "acts" if step.action is not None else "holds",
-        "reason": reason_of(step).sentence,
+        "reason": reason_of(step, imitator.cameras).sentence,
         "asked_for": None if task is None else task_name(task),
         "progress": step.progress,
         "is_done": step.is_done,
@@ -65,7 +73,11 @@ def explain(
             for one in step.followed
         ],
         "percept": _named(imitator.percept_names, percept),
+        "cameras": describe_sights(imitator, sights, step, demonstrations.fps),
     }
+    if picture is not None and sights is not None:
+        draw(imitator, sights, step, document, picture)
+    return document
 
 
 def _find(demonstrations: Demonstrations, episode: int, frame: int) -> Demonstration:

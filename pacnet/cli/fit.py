@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pacnet.cli.cuts import cut_pairs, describe_cuts
+from pacnet.cli.cameras import add_cameras, cameras_of, describe_cameras
+from pacnet.cli.fit_report import print_learned
 from pacnet.cli.fit_usage import check_out, check_usage
 from pacnet.cli.held_out import add_held_out, compare, to_learn
 from pacnet.cli.parsing import (
@@ -23,18 +24,9 @@ from pacnet.cli.points import (
     NONE,
     add_points,
     body_of,
-    describe_points,
     points_of,
-    points_text,
 )
-from pacnet.cli.printing import counted, print_pairs, progress_bar, size_text
-from pacnet.cli.reports import (
-    count_episodes,
-    describe_forward_model,
-    describe_reports,
-    forward_model_text,
-    print_reports,
-)
+from pacnet.cli.printing import counted, progress_bar
 
 if TYPE_CHECKING:
     from pacnet.datasets.demonstrations import Demonstrations
@@ -43,14 +35,15 @@ if TYPE_CHECKING:
     from pacnet.imitator.imitator import Imitator
 
 _DETAILS = """Every episode is learned once, in order; nothing is learned across a gap in time. A
-percept is the state, followed by the environment state if the dataset has one; images are ignored.
-All settings are chosen from the data."""
+percept is the state, followed by the environment state if the dataset has one, and by what cameras
+tell of where the hand will be. All settings are chosen from the data."""
 _EXAMPLES = """pacnet fit recordings/drinking --out imitator
   pacnet fit recordings/drinking --held-out 5 --out without_every_fifth
   pacnet fit recordings/toasting --from imitator --out imitator
   pacnet fit user/name --state arm --state hand --action actions --exclude 3 --out imitator
   pacnet fit pushing --out imitator --points 'hand=observation.state[0:2]' goal=observation.goal
   pacnet fit drinking --out imitator --body body --points glass=observation.environment_state[0:3]
+  pacnet fit picking --out imitator --cameras top --points 'hand=observation.state[0:3]'
   pacnet fit recordings/corrections --corrections --from imitator --out imitator"""
 
 
@@ -92,6 +85,7 @@ def add_to(commands: Commands) -> None:
         "what is shown again and again the last demonstrations (all frames)",
     )  # fmt: skip
     add_points(parser)
+    add_cameras(parser)
     add_held_out(parser)
     parser.add_argument(
         "--overwrite", action="store_true",
@@ -146,7 +140,8 @@ def run(arguments: argparse.Namespace) -> None:
     seconds = time.perf_counter() - began
     with defer_sigint():
         imitator.save_pretrained(folder)
-    _print(imitator, before, seconds, folder)
+    cameras = describe_cameras(imitator, shown if known is None else None)
+    print_learned(imitator, before, seconds, folder, cameras)
     if parted:
         compare(parted, imitator, untrained)
 
@@ -154,6 +149,8 @@ def run(arguments: argparse.Namespace) -> None:
 def _load(arguments: argparse.Namespace) -> tuple[Imitator | None, Demonstrations]:
     """Return the imitator to continue from, if any, and the demonstrations."""
     from pacnet.cli.loading import load_dataset, load_imitator
+    from pacnet.datasets.format import DatasetWarning
+    from pacnet.datasets.pictures.decoders import MissingDecoder
 
     imitator = None if arguments.origin is None else load_imitator(arguments.origin)
     features = {}
@@ -161,7 +158,15 @@ def _load(arguments: argparse.Namespace) -> tuple[Imitator | None, Demonstration
         given = getattr(arguments, name)
         if given is not None:
             features[name] = () if given == [NONE] and name != "action" else tuple(given)
-    return imitator, load_dataset(arguments, imitator, only_where=arguments.only_where, **features)
+    options = {"only_where": arguments.only_where, **features}
+    try:
+        cameras = cameras_of(arguments, imitator)
+        return imitator, load_dataset(arguments, imitator, cameras=cameras, **options)
+    except MissingDecoder as error:
+        if imitator is not None or arguments.cameras is not None:
+            raise
+        warnings.warn(f"no camera is looked at: {error}", DatasetWarning, stacklevel=1)
+        return imitator, load_dataset(arguments, imitator, **options)
 
 
 def _parted(demonstrations: Demonstrations, every: int | None) -> list[Split]:
@@ -187,6 +192,7 @@ def _untrained(
         budget=arguments.budget,
         points=points_of(arguments),
         body=body,
+        encoder=arguments.encoder or "auto",
     )
 
 
@@ -202,40 +208,3 @@ def _learn(imitator: Imitator, demonstrations: Demonstrations, corrections: bool
     frames = sum(len(shown.state) for shown in demonstrations)
     with progress_bar("learning", frames) as advance:
         imitator.learn(demonstrations, advance, corrections=corrections)
-
-
-def _print(imitator: Imitator, before: int, seconds: float, folder: Path) -> None:
-    """Print what was learned after the first `before` reports."""
-    from pacnet.cli.loading import size_of
-
-    print_reports(describe_reports(imitator)[before:])
-    print()
-    new = imitator.reports[before:]
-    episodes, frames = count_episodes(new), sum(report.frames for report in new)
-    parts = f" in {len(new):,} parts" if len(new) > episodes else ""
-    learned = (
-        f"{counted(episodes, 'episode')}{parts}, {counted(frames, 'frame')} in {seconds:.1f} s"
-    )
-    if before:
-        learned += f" ({counted(count_episodes(imitator.reports), 'episode')} in all)"
-    points = describe_points(imitator.config)
-    pairs = [
-        ("learned", learned),
-        ("nodes", f"{len(imitator.sofm):,}"),
-        ("tasks", f"{len(imitator.tasks):,}"),
-        ("targets", _targets(imitator)),
-        ("points", points_text(points)),
-        *cut_pairs(points | describe_cuts(imitator)),
-        ("checkpoint", f"{folder}, {size_text(size_of(folder))}"),
-    ]
-    model = describe_forward_model(imitator)
-    if model is not None:
-        pairs.insert(-1, ("forward model", forward_model_text(model)))
-    print_pairs(pairs)
-
-
-def _targets(imitator: Imitator) -> str:
-    """Return how many targets are kept, and of what."""
-    kept, shown = len(imitator.memory.rows), sum(report.frames for report in imitator.reports)
-    of = "" if kept == shown else f" of {shown:,} shown"
-    return f"{kept:,} {imitator.config.targets}s{of}"

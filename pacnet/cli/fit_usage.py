@@ -45,13 +45,13 @@ def _check_continuing(arguments: argparse.Namespace) -> None:
         return
     if arguments.held_out is not None:
         arguments.usage_error("argument --held-out: not with --from, which has learned other data")
-    for option in ("targets", "lead", "budget", "points", "body"):
+    for option in ("targets", "lead", "budget", "points", "body", "cameras", "encoder"):
         if getattr(arguments, option) is not None:
             arguments.usage_error(f"argument --{option}: not with --from, which has its own")
 
 
 def _check_names(arguments: argparse.Namespace) -> None:
-    for option in ("state", "environment_state", "points"):
+    for option in ("state", "environment_state", "points", "cameras"):
         given = getattr(arguments, option) or ()
         if NONE in given and len(given) > 1:
             name = option.replace("_", "-")

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from pacnet.cli.cameras import camera_pairs, describe_cameras
 from pacnet.cli.cuts import cut_pairs, describe_cuts
 from pacnet.cli.parsing import Commands, add_checkpoint, add_command, add_json
 from pacnet.cli.points import body_text, describe_joints, describe_points, points_text
@@ -96,6 +97,7 @@ def _describe_imitator(imitator: Imitator) -> dict[str, Any]:
         "action": list(config.action),
         "positions": _positions(imitator),
         "positions_lead": config.follows_after if config.targets == "action" else None,
+        "cameras": describe_cameras(imitator),
         **describe_points(config),
         **describe_cuts(imitator),
         "first_action": imitator.first_action.tolist(),
@@ -163,6 +165,7 @@ def _imitator(document: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("percept", f"{percept} at {document['fps']:g} frames per second"),
         ("action", ", ".join(document["action"])),
         ("points", points_text(document)),
+        *camera_pairs(document),
         *cut_pairs(document),
         ("nodes", f"{document['nodes']:,}"),
         ("demonstrations", f"{document['demonstrations']:,}"),

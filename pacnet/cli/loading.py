@@ -12,6 +12,7 @@ from pacnet.core.checkpoint import CONFIG_FILE, TENSOR_FILE, read_checkpoint
 from pacnet.core.parts import REMEDY, read_json_part
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.datasets.format import MissingFeature
+from pacnet.datasets.pictures.camera_choice import UnknownCamera
 from pacnet.imitator.imitator import Imitator
 
 _POLICY = "imitator"  # folder of the checkpoint within that of a LeRobot policy
@@ -95,7 +96,7 @@ def feature_names(imitator: Imitator) -> dict[str, tuple[str, ...]]:
     """Return the imitator's features of each kind, as `load_demonstrations` takes them."""
     config = imitator.config
     state = config.state_features
-    rest = tuple(feature for feature in config.percepts if feature not in state)
+    rest = tuple(feature for feature in config.perceived if feature not in state)
     return {"state": state, "environment_state": rest, "action": config.action_features}
 
 
@@ -125,8 +126,15 @@ def load_dataset(
             skip_damaged=arguments.skip_damaged,
             **learned | options,
         )
+    except UnknownCamera as error:
+        if imitator is None:
+            raise
+        raise ValueError(
+            f"{error}: the imitator has learned to look at "
+            f"{' and '.join(map(repr, options['cameras']))}"
+        ) from None
     except MissingFeature as error:
-        percepts = {} if imitator is None else imitator.config.percepts
+        percepts = {} if imitator is None else imitator.config.perceived
         if not any(name in percepts for name in error.features):
             raise
         raise ValueError(
@@ -142,8 +150,9 @@ def load_percepts(imitator: Imitator, arguments: argparse.Namespace) -> Demonstr
         ValueError: its features or its rate are not the imitator's.
     """
     dataset = arguments.dataset
-    demonstrations = load_dataset(arguments, imitator, action=None)
-    for feature, names in imitator.config.percepts.items():
+    cameras = None if imitator.cameras is None else imitator.cameras.features
+    demonstrations = load_dataset(arguments, imitator, action=None, cameras=cameras)
+    for feature, names in imitator.config.perceived.items():
         got = demonstrations.names.get(feature, ())
         if got != names:
             raise ValueError(

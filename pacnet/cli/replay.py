@@ -10,12 +10,15 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from pacnet.cli.cameras import short_name
 from pacnet.cli.printing import progress_bar
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.evaluation.recognized import RecognizedEpisode
 from pacnet.imitator.imitator import Imitator
 from pacnet.imitator.records import ImitatorStep
 from pacnet.kernels.threads import use_one_thread
+from pacnet.vision.cameras import Cameras
+from pacnet.vision.config import PATCHES
 
 _BLOCK = 50  # frames between two updates of the progress bar
 
@@ -66,24 +69,27 @@ def replay(
         task: as of `Imitator.reset`; what is recognised may be any.
     """
     use_one_thread()
+    seen = imitator.seen(demonstrations)
     frames = sum(len(shown.state) for shown in demonstrations)
     with progress_bar("watching", frames) as advance:
-        for shown in demonstrations:
-            yield _replay_one(imitator, shown, task, advance)
+        for shown, own in zip(demonstrations, seen, strict=True):
+            yield _replay_one(imitator, shown, own.percepts, task, advance)
 
 
 def _replay_one(
     imitator: Imitator,
     shown: Demonstration,
+    percepts: Tensor,
     task: str | None,
     advance: Callable[[int], object],
 ) -> ReplayedEpisode:
     imitator.reset(task)
-    recognition = imitator.recognise(shown.percepts)
+    recognition = imitator.recognise(percepts)
     steps: list[ImitatorStep] = []
-    for percepts in shown.percepts.split(_BLOCK):
-        steps += map(imitator.step, percepts.numpy())
-        advance(len(percepts))
+    for step in imitator.follow(shown):
+        steps.append(step)
+        if len(steps) % _BLOCK == 0 or len(steps) == len(shown.state):
+            advance(len(steps) % _BLOCK or _BLOCK)
     recognition = recognition._replace(  # the steps know only what was shown for the task
         novelty=torch.tensor([step.novelty for step in steps]),
         is_novel=torch.tensor([step.is_novel for step in steps]),
@@ -92,13 +98,24 @@ def _replay_one(
         RecognizedEpisode(shown, recognition),
         tuple(step.dimension for step in steps),
         torch.tensor([step.action is not None for step in steps]),
-        tuple(reason_of(step).short for step in steps),
+        tuple(reason_of(step, imitator.cameras).short for step in steps),
         steps[-1].progress,
     )
 
 
-def reason_of(step: ImitatorStep) -> Reason:
-    """Return why there is an action, or none."""
+def reason_of(step: ImitatorStep, cameras: Cameras | None = None) -> Reason:
+    """Return why there is an action, or none.
+
+    Args:
+        step: of an imitator.
+        cameras: of that imitator; None for none.
+    """
+    encoders = {} if cameras is None else cameras.encoders
+    if step.is_novel and step.dimension in encoders:
+        camera = short_name(step.dimension)
+        if encoders[step.dimension].config.kind == PATCHES:
+            return Reason("not found", f"{camera}: what is attended to is not found")
+        return Reason("novel picture", f"{camera}: the picture is unlike those that were shown")
     if not step.followed:
         return Reason("nothing to follow", "no demonstration is kept that could be followed")
     if step.is_novel:

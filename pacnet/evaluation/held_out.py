@@ -139,13 +139,18 @@ def score(
 
 
 def follow(imitator: Imitator, shown: Demonstration) -> ActedEpisode:
-    """Return what an imitator does at the percepts of an episode, from its beginning."""
+    """Return what an imitator does at the percepts of an episode, from its beginning.
+
+    Args:
+        imitator: begins a recall episode.
+        shown: as it was recorded, with pictures if the imitator has cameras; what these tell comes
+            from the pictures, not from the episode.
+    """
     begin(imitator, shown.task)
     sent = np.empty(shown.action.shape, np.float32)
     acted, novel = np.empty((2, len(sent)), np.bool_)
     last = imitator.first_action.numpy()
-    for frame, percept in enumerate(shown.percepts.numpy()):
-        step = imitator.step(percept)
+    for frame, step in enumerate(imitator.follow(shown)):
         sent[frame] = last if step.action is None else step.action
         last, acted[frame], novel[frame] = sent[frame], step.action is not None, step.is_novel
     return ActedEpisode(sent, acted, novel)

@@ -144,6 +144,11 @@ class ImitatorConfig:
         return None if self.frames is None else self.frames.points
 
     @property
+    def perceived(self) -> dict[str, tuple[str, ...]]:
+        """The features of a percept without what cameras tell, and their dimensions."""
+        return {name: parts for name, parts in self.percepts.items() if name != CAMERAS}
+
+    @property
     def tells_places(self) -> bool:
         """Whether what cameras tell is a part of the percept: where the hand will be.
 

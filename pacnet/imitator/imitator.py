@@ -6,7 +6,7 @@ forward model. One rule decides whether it acts: it does unless the percept is n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from operator import index
@@ -132,7 +132,8 @@ class Imitator(ImitatorState):
         )
         cameras, reports = seeing.cameras, seeing.reports
         has_pictures = any(shown.pictures for shown in demonstrations)
-        if has_pictures and config.frames is None and encoder != NONE:
+        told_nothing = bool(reports) and cameras is None  # not even a place
+        if has_pictures and config.frames is None and encoder != NONE and not told_nothing:
             config = choose_settings(demonstrations, targets, lead, budget, None, None)
             cameras, reports = see_postures(demonstrations, config, encoder)
             config = replace(config, cameras=None if cameras is None else cameras.config)
@@ -351,6 +352,38 @@ class Imitator(ImitatorState):
             for _ in range(2):  # the second is compared with the first
                 self.step(percept, pictures)
         self.reset(task)
+
+    def seen(self, demonstrations: Demonstrations) -> Demonstrations:
+        """Return demonstrations as they are perceived: with where cameras tell the hand will be.
+
+        They tell it as while acting, from each frame's pictures. A recall episode in progress is
+        not affected.
+
+        Args:
+            demonstrations: with pictures of the cameras, if there are any.
+
+        Raises:
+            ValueError: an episode lacks a camera, or its pictures have another aspect.
+        """
+        if self.cameras is None or not self.config.tells_places:
+            return demonstrations
+        return self.cameras.seen(demonstrations)
+
+    def follow(self, shown: Demonstration) -> Iterator[ImitatorStep]:
+        """Yield the step at each frame of an episode, going on from the last call of `step`.
+
+        Args:
+            shown: as it was recorded, with pictures of the cameras, if there are any.
+
+        Raises:
+            ValueError: as of `step`, with the episode's number.
+        """
+        percepts, pictures = shown.percepts.numpy(), shown.pictures
+        for frame, percept in enumerate(percepts):
+            try:
+                yield self.step(percept, {name: own[frame] for name, own in pictures.items()})
+            except ValueError as error:
+                raise ValueError(f"episode {shown.episode}, frame {frame}: {error}") from None
 
     def reset(self, task: str | None = None) -> None:
         """Start a new recall episode; what was learned stays.

@@ -110,7 +110,7 @@ def test_watch_prints_why_it_holds_where_nothing_is_novel(
 ):
     step = Imitator.step
 
-    def unsure(self: Imitator, percept: np.ndarray) -> ImitatorStep:
+    def unsure(self: Imitator, percept: np.ndarray, _: object) -> ImitatorStep:
         """Of 80 frames, it holds for one reason at 31 and for another at 29."""
         done = step(self, percept)
         frame = next(frames) % 80

@@ -2,7 +2,6 @@
 
 import copy
 import json
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -385,18 +384,6 @@ def test_numbers_that_are_not_finite_are_refused_by_their_index(dataset: Demonst
     with pytest.raises(ValueError, match=r"others at index 130 \(episode 1\)"):
         policy.forward(batch)
     assert policy.eval().imitator is None
-
-
-def test_images_are_refused_with_a_remedy():
-    config = config_of()
-    config.input_features["observation.images.top"] = PolicyFeature(FeatureType.VISUAL, (3, 8, 8))
-    with pytest.raises(ValueError, match=r"images 'observation\.images\.top'.*encoder") as refused:
-        PACNetPolicy(config)
-    (given,) = re.findall(r"--policy\.input_features='(.*)',", str(refused.value))
-    assert json.loads(given) == {
-        STATE: {"type": "STATE", "shape": [2]},
-        GLASS: {"type": "ENV", "shape": [1]},
-    }
 
 
 def test_settings_out_of_range_are_refused():

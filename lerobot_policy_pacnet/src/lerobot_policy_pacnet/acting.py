@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from lerobot_policy_pacnet.pictures import Pictures
 from pacnet.imitator.imitator import Imitator
 from pacnet.imitator.records import ImitatorStep, task_name
 
@@ -62,13 +63,17 @@ class Actor:
             self._task = task
 
     def act(
-        self, percept: NDArray[np.float32], ask: Ask | None
+        self,
+        percept: NDArray[np.float32],
+        ask: Ask | None,
+        pictures: Pictures | None = None,
     ) -> tuple[NDArray[np.float32], ImitatorStep]:
         """Return what to do at a percept: the imitator's action, else the one asked for, else hold.
 
         Args:
             percept: `[D]`.
             ask: called with the step and the percept where the imitator gives no action.
+            pictures: of the cameras that the imitator looks at; None without any.
 
         Returns:
             The action `[U]`, and the imitator's step.
@@ -76,7 +81,7 @@ class Actor:
         Raises:
             ValueError: a percept or an answer has the wrong shape or is not finite.
         """
-        step = self.imitator.step(percept)
+        step = self.imitator.step(percept, pictures)
         action = step.action
         if action is None and ask is not None:
             action = self._checked(ask(step, percept.copy()))

@@ -1,13 +1,14 @@
 """The policy's settings, which LeRobot's commands take as `--policy.NAME=VALUE`."""
 
-import json
 from dataclasses import dataclass, field
-from typing import Any
 
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
 from lerobot.optim.optimizers import OptimizerConfig, SGDConfig
 from lerobot.utils.constants import ACTION, OBS_STATE
+
+from pacnet.vision.config import KINDS_TEXT, is_kind
+from pacnet.vision.fitting import AUTO
 
 TARGETS = ("action", "state")
 
@@ -28,6 +29,9 @@ class PACNetConfig(PreTrainedConfig):
         body: folder of a `KinematicModel`, which tells where the hand is from the joint angles
             among the percepts; see `Imitator.from_demonstrations`. None for none, and for that of
             the policy once it has learned: its imitator keeps it.
+        cameras: the images among the features that are looked at; None for all, [] for none. Those
+            that do not help are not used; see `pacnet.vision`.
+        encoder: what looks at them; "auto" for the built-in kind that tells most.
         task: what to do, in the words of the demonstrations, whatever task comes with an
             observation; None for that task, and "" for whatever fits.
         normalization_mapping: identity; the imitator scales percepts itself.
@@ -43,10 +47,12 @@ class PACNetConfig(PreTrainedConfig):
     lead: int = 1
     points: list[str] | None = None
     body: str | None = None
+    cameras: list[str] | None = None
+    encoder: str = "auto"
     task: str | None = None
     normalization_mapping: dict[str, NormalizationMode] = field(
         default_factory=lambda: dict.fromkeys(
-            ("STATE", "ENV", "ACTION"), NormalizationMode.IDENTITY
+            ("STATE", "ENV", "VISUAL", "ACTION"), NormalizationMode.IDENTITY
         )
     )
     push_to_hub: bool = False  # type: ignore[assignment]  # as in the base class
@@ -62,6 +68,11 @@ class PACNetConfig(PreTrainedConfig):
         points = [] if self.points is None else self.points
         if not (isinstance(points, list) and all(isinstance(point, str) for point in points)):
             raise ValueError(f"expected policy.points as a list of texts, got {self.points!r}")
+        cameras = [] if self.cameras is None else self.cameras
+        if not (isinstance(cameras, list) and all(isinstance(name, str) for name in cameras)):
+            raise ValueError(f"expected policy.cameras as a list of texts, got {self.cameras!r}")
+        if self.encoder != AUTO and not is_kind(self.encoder):
+            raise ValueError(f"expected policy.encoder as auto, {KINDS_TEXT}, got {self.encoder!r}")
         if self.body is not None and (self.targets != "action" or self.points == []):
             got = "no points" if self.points == [] else f"policy.targets={self.targets}"
             raise ValueError(
@@ -70,17 +81,19 @@ class PACNetConfig(PreTrainedConfig):
 
     @property
     def percept_features(self) -> dict[str, PolicyFeature]:
-        """The features of a percept in their order, the robot's state first."""
-        inputs = self.input_features or {}
-        return dict(sorted(inputs.items(), key=lambda item: item[0] != OBS_STATE))
-
-    def _vectors(self) -> dict[str, dict[str, Any]]:
-        """Return the features that are not images, as the command line takes them."""
-        return {
-            name: {"type": feature.type.value, "shape": list(feature.shape)}
-            for name, feature in self.percept_features.items()
+        """The features of a percept that are no images, in order, the robot's state first."""
+        vectors = {
+            name: feature
+            for name, feature in (self.input_features or {}).items()
             if feature.type is not FeatureType.VISUAL
         }
+        return dict(sorted(vectors.items(), key=lambda item: item[0] != OBS_STATE))
+
+    @property
+    def camera_features(self) -> tuple[str, ...]:
+        """The images that are looked at."""
+        images = self.image_features
+        return tuple(images) if self.cameras is None else tuple(self.cameras)
 
     @property
     def observation_delta_indices(self) -> None:
@@ -106,24 +119,23 @@ class PACNetConfig(PreTrainedConfig):
         return
 
     def validate_features(self) -> None:
-        """Check that percepts and actions are vectors.
+        """Check that percepts and actions are vectors, beside images.
 
         Raises:
-            ValueError: images, a feature that is not a vector, no observation, or no action.
+            ValueError: a feature that is neither vector nor image, no vector that is observed, no
+                action, or a camera that is not among the features.
         """
         for name, feature in self.percept_features.items():
-            if feature.type is FeatureType.VISUAL:
-                raise ValueError(
-                    f"expected vectors as observations, got images {name!r}: leave them out with "
-                    f"--policy.input_features='{json.dumps(self._vectors())}', or add "
-                    "what an encoder makes of them to the dataset, as a feature observation.NAME"
-                )
             if len(feature.shape) != 1:
                 raise ValueError(
                     f"expected {name!r} to be a vector of numbers, got shape {feature.shape}"
                 )
         if not self.percept_features:
-            raise ValueError("expected a feature observation.NAME, got none")
+            raise ValueError("expected a vector observation.NAME, got none")
+        for name in self.camera_features:
+            if name not in self.image_features:
+                images = ", ".join(self.image_features) or "none"
+                raise ValueError(f"expected policy.cameras out of {images}, got {name!r}")
         if self.action_feature is None or len(self.action_feature.shape) != 1:
             raise ValueError(
                 f"expected the feature {ACTION!r}, a vector, got {self.action_feature}"

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from lerobot_policy_pacnet.pictures import DatasetPictures
 from pacnet.datasets.demonstrations import Demonstration
 
 _MISSING = -1  # episode of a frame that has not been added yet
@@ -77,11 +78,15 @@ class Frames:
             if number not in self._tasks or frame < self._tasks[number][0]:
                 self._tasks[number] = (frame, task)
 
-    def episodes(self, state: int) -> list[Demonstration]:
+    def episodes(self, state: int, pictures: DatasetPictures | None = None) -> list[Demonstration]:
         """Return the frames added so far as episodes, in the order of the dataset.
 
         Args:
             state: how many of a percept's dimensions, the first ones, are the robot's state.
+            pictures: what cameras show of them; None without any.
+
+        Raises:
+            ValueError: there are no pictures of a frame.
         """
         added = (self.episode != _MISSING).nonzero().flatten()
         numbers, lengths = self.episode[added].unique_consecutive(return_counts=True)
@@ -92,6 +97,7 @@ class Frames:
                 self.percepts[rows, :state],
                 self.percepts[rows, state:],
                 self.actions[rows],
+                pictures={} if pictures is None else pictures.of_frames(number, rows),
             )
             for number, rows in zip(numbers.tolist(), added.split(lengths.tolist()), strict=True)
         ]

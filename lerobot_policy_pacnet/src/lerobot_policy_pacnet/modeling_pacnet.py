@@ -22,6 +22,8 @@ from lerobot_policy_pacnet.batches import percepts_of, rows_of, tasks_of
 from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.parts import check_policy, record_parts
+from lerobot_policy_pacnet.pictures import pictures_of
+from lerobot_policy_pacnet.telling import novelty_of, tell_cameras
 from lerobot_policy_pacnet.training import Training
 from pacnet.imitator.imitator import Imitator, full_precision
 from pacnet.imitator.records import ImitatorStep
@@ -36,7 +38,8 @@ class PACNetPolicy(PreTrainedPolicy):
     Args:
         config: see `PACNetConfig`.
         dataset_stats: statistics of the dataset; not used.
-        dataset_meta: LeRobot's metadata of the dataset to learn; None to act only.
+        dataset_meta: LeRobot's metadata of the dataset to learn; None to act only. With cameras
+            their pictures are read from its folder when training begins.
 
     Attributes:
         ask: called with the step and the percept `[D]` where the imitator gives no action; returns
@@ -94,7 +97,7 @@ class PACNetPolicy(PreTrainedPolicy):
                 self._learn(batch, percepts)
             imitator = self.imitator
             if imitator is not None:
-                novelty = float(1 - imitator.sofm(percepts).activation.mean())
+                novelty = novelty_of(imitator, percepts)
         nodes = 0 if imitator is None else len(imitator.sofm)
         return novelty + 0 * self.anchor.sum(), {"nodes": float(nodes)}
 
@@ -121,24 +124,30 @@ class PACNetPolicy(PreTrainedPolicy):
         """Return the action for each row of a batch, going on from the last call.
 
         Args:
-            batch: observations, B rows; each row has a recall episode of its own. A `task`, a text
-                or one for each row, restricts what is followed to what was shown for it.
+            batch: observations, B rows, with pictures of the cameras that are used; each row has a
+                recall episode of its own. A `task`, a text or one for each row, restricts what is
+                followed to what was shown for it.
 
         Returns:
             Actions `[B, U]`.
 
         Raises:
-            ValueError: nothing was learned; a feature is missing, misshapen or not finite; a task
-                that was not shown.
+            ValueError: nothing was learned; a feature or a picture is missing, misshapen or not
+                finite; a task that was not shown.
         """
         percepts = percepts_of(batch, self.config.percept_features).numpy()
         tasks = tasks_of(batch, len(percepts), self.config.task)
         actors = self._actors_for(len(percepts))
+        cameras = actors[0].imitator.cameras
+        pictures = pictures_of(batch, () if cameras is None else cameras.features, len(percepts))
         # Tensors made in a caller's inference mode could not be changed outside it.
         with torch.inference_mode(False):
             for actor, task in zip(actors, tasks, strict=True):
                 actor.pursue(task)
-            acted = [actor.act(row, self.ask) for actor, row in zip(actors, percepts, strict=True)]
+            acted = [
+                actor.act(row, self.ask, seen)
+                for actor, row, seen in zip(actors, percepts, pictures, strict=True)
+            ]
         self.last_steps = [step for _, step in acted]
         return torch.from_numpy(np.stack([action for action, _ in acted])).to(self.anchor.device)
 
@@ -206,6 +215,7 @@ class PACNetPolicy(PreTrainedPolicy):
                 "one pass is --steps=%d",
                 training, -(-training.dataset.frames // self._batch_size),
             )  # fmt: skip
+            tell_cameras(training.imitator)
 
     def _training_of(self, meta: Any) -> Training:
         """Return the current training; begin a new one if the dataset has changed."""
@@ -221,8 +231,9 @@ class PACNetPolicy(PreTrainedPolicy):
             self._training = Training(self.config, dataset)
         elif before.dataset.fingerprint != dataset.fingerprint:
             self._training = Training(self.config, dataset, before.imitator, before.contents())
-        self._is_current = True
         assert self._training is not None
+        self._training.read_pictures(meta.root)
+        self._is_current = True
         return self._training
 
     def _consolidate(self) -> None:

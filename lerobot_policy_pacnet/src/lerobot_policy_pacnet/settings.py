@@ -63,6 +63,7 @@ def check_settings(config: PACNetConfig, base: Imitator) -> None:
     if wanted != got and base.config.targets == "state":
         raise ValueError(f"expected policy.lead={wanted}, as learned before, got {got}")
     _check_body(config, base)
+    _check_cameras(config, base)
     if config.points is not None:
         _check_same_points(config, base)
 
@@ -77,6 +78,15 @@ def _check_body(config: PACNetConfig, base: Imitator) -> None:
         f"expected {own} that was learned with, which is kept without policy.body, got another in "
         f"'{config.body}'"
     )
+
+
+def _check_cameras(config: PACNetConfig, base: Imitator) -> None:
+    """Check that the cameras that an imitator looks at are there."""
+    learned = () if base.cameras is None else base.cameras.features
+    missing = [name for name in learned if name not in config.camera_features]
+    if missing:
+        got = ", ".join(config.camera_features) or "none"
+        raise ValueError(f"expected the camera {missing[0]!r}, as learned before, got {got}")
 
 
 def _check_same_points(config: PACNetConfig, base: Imitator) -> None:

@@ -20,6 +20,7 @@ from lerobot_policy_pacnet.configuration_pacnet import PACNetConfig
 from lerobot_policy_pacnet.description import DatasetDescription
 from lerobot_policy_pacnet.frames import Frames, content_of
 from lerobot_policy_pacnet.parts import BASE, IMITATOR, STATE, check_subfolder, read_tensors_part
+from lerobot_policy_pacnet.pictures import DatasetPictures
 from lerobot_policy_pacnet.settings import (
     body_kept_by,
     body_of,
@@ -48,6 +49,7 @@ class Training:
 
     Attributes:
         imitator: what has been learned so far, or None.
+        pictures: what cameras show of the dataset; None without any.
         is_finished: whether the whole dataset was learned; its frames are dropped then.
 
     Raises:
@@ -68,6 +70,7 @@ class Training:
         self.base, self.known = base, known
         self.imitator = learned or base
         self.is_finished = False
+        self.pictures: DatasetPictures | None = None
         self.frames = Frames(dataset.frames, dataset.percept_dimensions, dataset.action_dimensions)
         self._learned = self._tried = 0  # numbers of frames
         if self.imitator is not None:
@@ -84,6 +87,22 @@ class Training:
         if self.is_finished:
             return f"what was learned from all {total} frames of {source}"
         return f"what was learned from {self._learned} of the {total} frames of {source}"
+
+    def read_pictures(self, root: str | Path) -> None:
+        """Read what cameras show from the dataset's files, unless all is learned.
+
+        Args:
+            root: the dataset's folder.
+
+        Raises:
+            DatasetError: the pictures cannot be read.
+        """
+        named, cameras = self.config.cameras is not None, self.config.camera_features
+        if self.base is not None:
+            named = True
+            cameras = () if self.base.cameras is None else self.base.cameras.features
+        if cameras and not self.is_finished:
+            self.pictures = DatasetPictures(root, cameras, named)
 
     def add(
         self,
@@ -103,7 +122,7 @@ class Training:
         self.frames.add(index, episode, percepts, actions, tasks)
         if self.frames.is_complete:
             self.consolidate()
-        elif self._learns_from_parts and len(self.frames) >= max(ENOUGH, 2 * self._tried):
+        elif self._learns_early and len(self.frames) >= max(ENOUGH, 2 * self._tried):
             with suppress(ValueError):  # more frames may be enough
                 self.consolidate()
 
@@ -121,6 +140,11 @@ class Training:
         """Whether frames can be learned before their neighbours were added."""
         return self.config.targets == "action"
 
+    @property
+    def _learns_early(self) -> bool:
+        """Whether a part of the frames is learned unasked; cameras are fitted to all."""
+        return self._learns_from_parts and self.pictures is None
+
     def consolidate(self) -> None:
         """Let a copy of the base learn all frames added so far, in order; it becomes the imitator.
 
@@ -136,12 +160,17 @@ class Training:
         if not (self._learns_from_parts or self.frames.is_complete):
             return
         self._tried = count
-        shown = self.frames.episodes(self._state_dimensions)
+        shown = self.frames.episodes(self._state_dimensions, self.pictures)
         new = self._demonstrations([one for one in shown if content_of(one) not in self.known])
         if self.base is None:
             targets = cast(Any, self.config.targets)
             imitator = Imitator.from_demonstrations(
-                new, targets, self.config.lead, points=points_of(self.config), body=self._body
+                new,
+                targets,
+                self.config.lead,
+                points=points_of(self.config),
+                body=self._body,
+                encoder=self.config.encoder,
             )
         else:
             imitator = copy.deepcopy(self.base)
@@ -149,7 +178,7 @@ class Training:
         self.imitator, self._learned = imitator, count
         if self.frames.is_complete:
             self.known = self.contents()
-            self.base, self.is_finished = None, True
+            self.base, self.is_finished, self.pictures = None, True, None
             self.frames = Frames(0, 0, 0)
 
     @property

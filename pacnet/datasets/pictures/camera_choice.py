@@ -12,11 +12,15 @@ CameraChoice = Literal["all"] | str | Sequence[str]
 ALL = "all"
 
 
+class UnknownCamera(DatasetError):  # noqa: N818 — it is a kind of DatasetError
+    """A camera was asked for that the dataset does not have, or that could be several."""
+
+
 def choose_cameras(info: Mapping[str, Any], cameras: CameraChoice) -> list[str]:
     """Return the features of the cameras asked for, each once.
 
     Raises:
-        DatasetError: the dataset has no such camera, or several.
+        UnknownCamera: the dataset has no such camera, or several.
     """
     there = image_features(info)
     if cameras == ALL:
@@ -33,7 +37,7 @@ def _camera(there: Sequence[str], name: object) -> str:
         return found[0]
     expected = ", ".join(found or there) or "it has none"
     which = "one of the cameras" if found else "a camera of the dataset"
-    raise DatasetError(f"expected {which} ({expected}), got {name!r}")
+    raise UnknownCamera(f"expected {which} ({expected}), got {name!r}")
 
 
 def shows_depth(info: Mapping[str, Any], camera: str) -> bool:

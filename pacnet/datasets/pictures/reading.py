@@ -66,6 +66,8 @@ def read_pictures(
     """
     chosen = choose_cameras(info, cameras)
     seen = Seen([{} for _ in read.indices], set())
+    if not chosen:
+        return seen
     with _bar(len(chosen) * len(read.rows)) as progress, closing(PictureCache()) as cache:
         for name in chosen:
             try:

@@ -1,0 +1,125 @@
+"""Pictures of cameras: those of a batch while acting, those of a dataset's files while learning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from pacnet.datasets.demonstrations import load_demonstrations
+
+Pictures = dict[str, NDArray[np.uint8]]
+"""Camera -> its picture `[H, W, 3]`, or its pictures `[T, H, W, 3]`."""
+
+
+def pictures_of(batch: Mapping[str, Any], cameras: Sequence[str], rows: int) -> list[Pictures]:
+    """Return the pictures of each row of a batch.
+
+    Args:
+        batch: with pictures as LeRobot gives them: float `[B, 3, H, W]` from 0 to 1; or uint8, also
+            `[B, H, W, 3]`.
+        cameras: the features to look at.
+        rows: number of rows B.
+
+    Raises:
+        ValueError: a camera is missing, or its pictures are of another shape, dtype or range.
+    """
+    columns = {name: _column(batch, name, rows) for name in cameras}
+    return [{name: column[row] for name, column in columns.items()} for row in range(rows)]
+
+
+def _column(batch: Mapping[str, Any], name: str, rows: int) -> NDArray[np.uint8]:
+    """Return the pictures of one camera, `[B, H, W, 3]`."""
+    if name not in batch:
+        raise ValueError(
+            f"expected the picture {name!r} in the batch, got {', '.join(map(str, batch))}"
+        )
+    given, expected = batch[name], f"expected {name!r} of shape [{rows}, 3, height, width]"
+    if not isinstance(given, Tensor) or given.dim() < 3 or 0 in given.shape:
+        got = [*given.shape] if isinstance(given, Tensor) else type(given).__name__
+        raise ValueError(f"{expected}, got {got}")
+    pictures = given.detach().reshape(-1, *given.shape[-3:])  # there may be an axis for time
+    if pictures.shape[1] == 3:
+        pictures = pictures.permute(0, 2, 3, 1)
+    if len(pictures) != rows or pictures.shape[3] != 3:
+        raise ValueError(f"{expected}, got {[*given.shape]}")
+    return _bytes(name, pictures).cpu().contiguous().numpy()
+
+
+def _bytes(name: str, pictures: Tensor) -> Tensor:
+    """Return pictures as uint8."""
+    if pictures.dtype == torch.uint8:
+        return pictures
+    low, high = (float(value) for value in pictures.aminmax())
+    if not pictures.dtype.is_floating_point or not (low >= 0 and high <= 1):
+        raise ValueError(
+            f"expected {name!r} as uint8, or as float from 0 to 1, got {pictures.dtype} from "
+            f"{low:g} to {high:g}"
+        )
+    return (pictures * 255).round_().to(torch.uint8)
+
+
+class _Episode(NamedTuple):
+    """What the cameras show of one episode."""
+
+    first: int
+    """Number of its first frame in the dataset."""
+    pictures: Mapping[str, NDArray[np.uint8]]
+    """Camera -> `[T, h, w, 3]`, reduced."""
+
+
+class DatasetPictures:
+    """What cameras show of a dataset's episodes.
+
+    They are read from its files, in order: batches come shuffled, and in full size.
+
+    Args:
+        root: the dataset's folder.
+        cameras: their features.
+        named: whether they were asked for by name: then one that cannot be read is refused, else it
+            is left out with a warning.
+
+    Raises:
+        DatasetError: the pictures cannot be read.
+    """
+
+    def __init__(self, root: str | Path, cameras: Sequence[str], named: bool) -> None:
+        shown = load_demonstrations(
+            root,
+            state=None,
+            environment_state=None,
+            action=None,
+            cameras=cameras if named else "all",
+        )
+        self._episodes: dict[int, _Episode] = {}
+        first = 0
+        for one in shown:
+            own = {name: rows for name, rows in one.pictures.items() if name in cameras}
+            self._episodes[one.episode] = _Episode(first, own)
+            first += len(one.state)
+
+    def of_frames(self, episode: int, index: Tensor) -> Mapping[str, NDArray[np.uint8]]:
+        """Return the pictures of some frames of an episode, by camera.
+
+        Args:
+            episode: its number.
+            index: of the frames in the dataset, ascending, `[T]`.
+
+        Raises:
+            ValueError: the files have no such episode or frames.
+        """
+        known = self._episodes.get(episode)
+        if known is None:
+            raise ValueError(f"expected pictures of episode {episode}, the dataset's files lack it")
+        frames = index.numpy() - known.first
+        found = {}
+        for name, rows in known.pictures.items():
+            if frames[0] < 0 or frames[-1] >= len(rows):
+                raise ValueError(f"expected {len(rows)} frames in episode {episode}, got others")
+            found[name] = rows if len(frames) == len(rows) else rows[frames]
+        return found
