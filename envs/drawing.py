@@ -103,7 +103,8 @@ def _unit_sphere(n_rings: int = 13, n_around: int = 24) -> np.ndarray:
 
 
 _SPHERE = np.unique(_unit_sphere().round(12), axis=0)  # each pole once
-_CIRCLE = np.array([(np.cos(a), np.sin(a), 0.0) for a in np.linspace(0, 2 * np.pi, 24)])
+_AROUND = np.arange(24) / 12 * np.pi  # the same after half a turn, as the scene is
+_CIRCLE = np.stack([np.cos(_AROUND), np.sin(_AROUND), np.zeros(24)], axis=1)
 _CUBE = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _BOWL = _SPHERE[_SPHERE[:, 2] <= 0]
 _CAPSULE = np.concatenate([_BOWL, _BOWL * (1, 1, -1)])

@@ -10,8 +10,8 @@ from envs.humanoid import Element
 
 SIZE = 128  # [pixels] of a picture's height and width
 POSITION = (0.12, -0.14, 0.74)  # [m] body frame: right of the eyes
-TARGET = (0.50, -0.07, 0.15)  # [m] body frame: in the middle of the picture
-FOVY = 30.0  # [degrees]
+TARGET = (0.49, -0.07, 0.15)  # [m] body frame: in the middle of the picture
+FOVY = 29.0  # [degrees]
 
 
 def camera_of(who: str) -> str:
