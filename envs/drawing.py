@@ -38,10 +38,10 @@ def draw_scene(
     draw = ImageDraw.Draw(picture, "RGBA")
     for geom in _drawing_order(physics, view):
         points = _surface(physics, geom)
-        points = points[view.depth(points) >= NEAREST]
-        if len(points) < 3:
+        pixels = view.project(points[view.depth(points) >= NEAREST])
+        if len(pixels) < 3 or (pixels.max(0) < 0).any() or (pixels.min(0) > size[::-1]).any():
             continue
-        outline = _outline(view.project(points))
+        outline = pixels[ConvexHull(pixels).vertices].ravel().tolist()
         red, green, blue, alpha = physics.model.geom_rgba[geom]
         fill = tuple(round(255 * float(c)) for c in (red, green, blue, alpha))
         edge = tuple(round(OUTLINE_SHADE * c) for c in fill[:3])
@@ -85,11 +85,6 @@ def _local_surface(kind: int, size: np.ndarray) -> np.ndarray:
         round_end, end = _ROUND[kind]
         return round_end * size[0] + end * size[1]
     return _SPHERE * (size if kind == mjtGeom.mjGEOM_ELLIPSOID else size[0])
-
-
-def _outline(pixels: np.ndarray) -> list[tuple[float, float]]:
-    """Return the corners of the convex hull of pixels `[N, 2]`, in order."""
-    return [tuple(corner) for corner in pixels[ConvexHull(pixels).vertices]]
 
 
 def _unit_sphere(n_rings: int = 13, n_around: int = 24) -> np.ndarray:
