@@ -23,6 +23,7 @@ from pacnet.imitator.frames import choose_frames
 from pacnet.imitator.points import PointsChoice, choose_points
 from pacnet.imitator.scaling import Scaling, choose_scaling
 from pacnet.schemas.frames import FramesConfig
+from pacnet.vision.cameras import Cameras
 
 NOVELTY_THRESHOLD = 0.55  # activation under which the map grows
 WINNER_TAU = 0.1  # [s] a winner is fully habituated after three times as long
@@ -35,6 +36,7 @@ def choose_settings(
     budget: int | None,
     points: PointsChoice,
     body: KinematicModel | None,
+    cameras: Cameras | None = None,
 ) -> ImitatorConfig:
     """Return settings for these demonstrations; see `Imitator.from_demonstrations`."""
     _check_features(demonstrations)
@@ -74,6 +76,7 @@ def choose_settings(
         state=demonstrations.state_features,
         action_features=demonstrations.action_features,
         frames=_frames(points, body, episodes, scaling, targets),
+        cameras=None if cameras is None else cameras.config,
     )
 
 

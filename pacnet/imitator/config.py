@@ -15,6 +15,7 @@ from pacnet.forward_models.config import AffineForwardModelConfig, MLPForwardMod
 from pacnet.imitator.scaling import Scaling
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.points import Points
+from pacnet.vision.cameras_config import CamerasConfig
 
 _FASTEST = 100_000  # frames per second [1/s]; memory for the last of them is made beforehand
 
@@ -45,6 +46,7 @@ class ImitatorConfig:
             None for the first feature.
         action_features: the features that are the action, in its order.
         frames: how targets are kept in frames of reference; None for none.
+        cameras: which cameras tell where the hand will be; None for none.
     """
 
     percepts: Mapping[str, tuple[str, ...]]
@@ -63,6 +65,7 @@ class ImitatorConfig:
     frames: FramesConfig | None = None
     explained: Mapping[str, float] = field(default_factory=dict)
     still_actions: tuple[int, ...] = ()
+    cameras: CamerasConfig | None = None
 
     def __post_init__(self) -> None:
         """Turn the lists that JSON reads into tuples, and check the fields."""
@@ -141,6 +144,11 @@ class ImitatorConfig:
         return None if self.frames is None else self.frames.points
 
     @property
+    def perceived_dimensions(self) -> int:
+        """Length of a percept without what cameras tell."""
+        return len(self.percept_names) - (0 if self.cameras is None else len(self.cameras.names))
+
+    @property
     def target_dimensions(self) -> int:
         """Length A of a target."""
         if self.targets == "action":
@@ -188,6 +196,8 @@ class ImitatorConfig:
             parts["attention"] = SOFMConfig(**fields["attention"])
             if fields.get("frames") is not None:
                 parts["frames"] = FramesConfig.from_dict(fields["frames"])
+            if fields.get("cameras") is not None:
+                parts["cameras"] = CamerasConfig.from_dict(fields["cameras"])
             return cls(**{**fields, **parts})
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(f"expected the fields of ImitatorConfig, got {error!r}") from error

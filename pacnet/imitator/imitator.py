@@ -6,8 +6,9 @@ forward model. One rule decides whether it acts: it does unless the percept is n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from operator import index
 from typing import Any, Literal
 
@@ -19,7 +20,7 @@ from torch import Tensor
 from pacnet.attention.records import NO_NODE
 from pacnet.competition.following import State
 from pacnet.competition.recognition import Recognition
-from pacnet.core.drafts import short_switch_interval, snapshot_of
+from pacnet.core.drafts import adopt, draft_of, short_switch_interval, snapshot_of
 from pacnet.core.growable_rows import check_storage
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import warn_renamed
@@ -35,9 +36,12 @@ from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.points import PointsChoice
 from pacnet.imitator.recognizing import recognizer_of
 from pacnet.imitator.records import EpisodeReport, Followed, ImitatorStep, task_name
+from pacnet.imitator.seeing import Hands, hands_of, place_of_hand, see
 from pacnet.imitator.state import ImitatorState, Known
 from pacnet.kernels.engine import Engine
 from pacnet.schemas.targets import targets_ahead
+from pacnet.vision.fitting import CameraReport
+from pacnet.vision.sight import Seen
 
 _END = 0.1  # [s] before the last frame of a demonstration, from which it is done
 
@@ -80,6 +84,9 @@ class Imitator(ImitatorState):
         [True, True, True]
     """
 
+    camera_reports: tuple[CameraReport, ...] = ()
+    """What each camera tells, where `from_demonstrations` was given pictures."""
+
     @classmethod
     def from_demonstrations(
         cls,
@@ -91,6 +98,7 @@ class Imitator(ImitatorState):
         budget: int | None = None,
         points: PointsChoice = "auto",
         body: KinematicModel | None = None,
+        encoder: str = "auto",
     ) -> Imitator:
         """Return an untrained imitator with settings chosen from these demonstrations.
 
@@ -106,14 +114,23 @@ class Imitator(ImitatorState):
                 body they are the landmarks alone.
             body: tells where the hand is from the angles among the percepts, and finds the angles
                 that take it somewhere; actions are targets of these angles then. None without one.
+            encoder: what looks at the demonstrations' pictures, if they have any: "auto" for the
+                built-in kind that tells most, or nothing where a camera does not help; see
+                `pacnet.vision`.
 
         Raises:
             ValueError: no demonstrations, percepts that never change, actions that never do or too
                 few frames where a forward model has to find them, points that are none here, or a
                 body whose angles are not among percepts and actions.
         """
-        config = choose_settings(demonstrations, targets, lead, budget, points, body)
+        seeing = see(demonstrations, points, body, encoder)
+        config = choose_settings(
+            seeing.demonstrations, targets, lead, budget, seeing.points, body, seeing.cameras
+        )
         imitator = cls(config, engine)
+        imitator.camera_reports = seeing.reports
+        if seeing.cameras is not None and imitator.cameras is not None:
+            imitator.cameras.load_state_dict(seeing.cameras.state_dict())
         if body is not None and imitator.frames is not None:
             imitator.frames.take_body(body)
         return imitator
@@ -161,6 +178,10 @@ class Imitator(ImitatorState):
         first, actions = check_storage("first_action", self.first_action), len(self.config.action)
         if first.shape != (actions,):
             raise ValueError(f"expected a first action [{actions}], got {list(first.shape)}")
+        whole, hands = demonstrations, []
+        if self.cameras is not None:
+            whole, hands = self._with_goals(demonstrations)
+            demonstrations = whole
         check_demonstrations(demonstrations, self.config, self.sofm)
         if not self.training:
             return []
@@ -170,23 +191,40 @@ class Imitator(ImitatorState):
         if self.forward_model is not None and not self.reports:
             with full_precision():
                 fit(self.forward_model, demonstrations.episodes)
-        reports = []
-        for shown in demonstrations:
-            with full_precision(), defer_sigint():
-                reports.append(self._learn_one(demonstrations, shown, corrections))
-            if progress is not None:
-                progress(len(shown.state))
+        reports, first = [], len(self.reports)
+        try:
+            for shown in demonstrations:
+                with full_precision(), defer_sigint():
+                    reports.append(self._learn_one(demonstrations, shown, corrections))
+                if progress is not None:
+                    progress(len(shown.state))
+        finally:
+            if self.cameras is not None:
+                self._look_at(whole, hands, first)
         return reports
 
-    def step(self, percept: NDArray[np.float32] | Tensor) -> ImitatorStep:
+    def step(
+        self,
+        percept: NDArray[np.float32] | Tensor,
+        pictures: Mapping[str, NDArray[np.uint8]] | None = None,
+    ) -> ImitatorStep:
         """Return the action at one percept, continuing from the last call; nothing is learned.
 
         Args:
-            percept: `[D]`, an array or a tensor on the CPU, float32.
+            percept: `[D]`, an array or a tensor on the CPU, float32; with cameras, without what
+                they tell.
+            pictures: camera -> its picture, uint8 `[H, W, 3]`, of any size; only with cameras.
 
         Raises:
-            ValueError: wrong shape or dtype, or not finite; nothing has changed.
+            ValueError: wrong shape or dtype, not finite, or a camera without a picture; nothing has
+                changed.
         """
+        if self.cameras is not None:
+            percept = check_row("percept", percept, self.config.perceived_dimensions)
+            seen = self._see(pictures)
+            if seen.doubt > 1:
+                return _unseen(seen, self.cameras.features)
+            percept = np.concatenate([percept, seen.goals])
         percept, known = check_row("percept", percept, len(self.percept_names)), self._latest()
         with np.errstate(over="ignore"):  # refused below
             scaled = percept * self._scale
@@ -199,6 +237,44 @@ class Imitator(ImitatorState):
             names = self.config.point_dimensions
             return framed_step(percept, known.framed, self.frames.config, names, end)
         return self._step(percept, scaled, known)
+
+    def _see(self, pictures: object) -> Seen:
+        """Return what the cameras tell in this episode by now."""
+        assert self.cameras is not None
+        checked = self.cameras.checked(pictures)
+        with self.state_lock:
+            if self._sight is None:
+                self._sight = self.cameras.begin()
+            sight = self._sight
+        return sight(checked)
+
+    def _with_goals(self, demonstrations: Demonstrations) -> tuple[Demonstrations, Hands]:
+        """Return demonstrations with where the hand will be, and where it is in each."""
+        assert self.cameras is not None
+        body = None if self.frames is None else self.frames.body
+        hands = hands_of(demonstrations, place_of_hand(self.config), body)
+        return self.cameras.with_goals(demonstrations, hands), hands
+
+    def _look_at(self, whole: Demonstrations, hands: Hands, first: int) -> None:
+        """Let the cameras learn from the whole demonstrations that were learned.
+
+        Args:
+            whole: as they came, of which a part may have been learned.
+            hands: where the hand is in them.
+            first: number of the first one's report.
+        """
+        assert self.cameras is not None
+        numbers = first + np.cumsum([0, *(len(shown.gaps) + 1 for shown in whole)])
+        learned = int(np.searchsorted(numbers[1:], len(self.reports), side="right"))
+        episodes = whole.episodes[:learned]
+        if not episodes:
+            return
+        with self.learning_lock, torch.inference_mode(False):
+            draft = draft_of(self.cameras)
+            part = replace(whole, episodes=episodes)
+            draft.add(part, hands[:learned], numbers[:learned].tolist())
+            with self.state_lock:
+                adopt(self.cameras, draft)
 
     def _step(
         self, percept: NDArray[np.float32], scaled: NDArray[np.float32], known: Known
@@ -271,6 +347,7 @@ class Imitator(ImitatorState):
             if known is not None:
                 self._known = self._take()
             self.follower.reset()
+            self._sight = None
             if self._framed_follower is not None:
                 self._framed_follower.reset()
             self.novelty_detector.reset()
@@ -390,6 +467,12 @@ class Imitator(ImitatorState):
                 elif self._known is not None:
                     self._known = self._take()
         return report
+
+
+def _unseen(seen: Seen, features: Sequence[str]) -> ImitatorStep:
+    """Return a step at pictures that are novel: nothing is done."""
+    name, doubt = features[seen.camera], seen.doubt
+    return ImitatorStep(None, True, doubt, name, doubt, 1.0, 0.0, False, (), None)
 
 
 def _is_at_end(known: Known, state: State, slot: int, fps: float) -> bool:

@@ -19,6 +19,7 @@ __all__ = [
     "choose_points",
     "find_points",
     "parse_landmarks",
+    "parse_moved",
     "parse_points",
     "usable_points",
 ]
@@ -81,6 +82,22 @@ def parse_points(texts: Sequence[str] | Mapping[str, str], features: Features) -
             f"{_FORM}, got {', '.join(point.name for point in points) or 'none'}"
         )
     return Points(points[0], tuple(points[1:]))
+
+
+def parse_moved(texts: Sequence[str] | Mapping[str, str], features: Features) -> Point:
+    """Return the first point that texts name, which the robot's actions move.
+
+    Args:
+        texts: as of `parse_points`; one is enough.
+        features: feature -> names of its dimensions, in the order of the percept.
+
+    Raises:
+        ValueError: as `parse_points`; no point.
+    """
+    points = _parsed(texts, features)
+    if not points:
+        raise ValueError(f"expected the point that the robot's actions move, as {_FORM}, got none")
+    return points[0]
 
 
 def parse_landmarks(

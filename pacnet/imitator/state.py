@@ -38,6 +38,8 @@ from pacnet.kernels.engine import Engine
 from pacnet.schemas.demonstration_memory import DemonstrationMemory, Shown
 from pacnet.schemas.scene import Scene
 from pacnet.schemas.segments import NO_SEGMENT
+from pacnet.vision.cameras import Cameras
+from pacnet.vision.sight import Sight
 
 _MODEL = "forward_model"
 
@@ -79,6 +81,7 @@ class ImitatorState(nn.Module):
         self.forward_model: Model | None = make_model(config.forward_model)
         frames = config.frames
         self.frames = None if frames is None else FramedSchemas(frames, config.fps)
+        self.cameras = None if config.cameras is None else Cameras(config.cameras)
         self.reports: list[EpisodeReport] = []
         self.register_buffer("first_action", torch.zeros(len(config.action)))
         # One thread learns at a time. The state itself is locked only while it is replaced or read.
@@ -138,6 +141,7 @@ class ImitatorState(nn.Module):
             actions = len(config.action)
             self._framed_follower = FramedFollower(self.frames.config, actions, config.fps)
         self._scale = config.scaling.array
+        self._sight: Sight | None = None  # of this episode
         self._known: Known | None = None
         self._versions: BufferVersions | None = None  # of the state that the follower refers to
 

@@ -1,0 +1,196 @@
+"""All cameras of an imitator: what they tell becomes a part of what is perceived."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from pacnet.core.drafts import snapshot_of
+from pacnet.core.integrity import check_on_load, part_of
+from pacnet.datasets.records import Demonstration, Demonstrations
+from pacnet.vision.cameras_config import CamerasConfig
+from pacnet.vision.encoder import ImageEncoder
+from pacnet.vision.goals import goals_of
+from pacnet.vision.sight import Seen, Sight
+
+FEATURE = "cameras"
+"""What the goals are called as a feature of a percept."""
+_AT_BEGINNING, _BEGINNING = 3, 0.1  # frames, and [s], with which an episode begins
+Hands = Sequence[NDArray[np.floating]]
+"""Where the hand is in each demonstration, `[T, S]`."""
+
+
+class Cameras(nn.Module):
+    """Tells from the pictures of some cameras where the hand will be.
+
+    Args:
+        config: see `CamerasConfig`.
+
+    Attributes:
+        encoders: camera -> its `ImageEncoder`.
+    """
+
+    def __init__(self, config: CamerasConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.parts = nn.ModuleList(ImageEncoder(one) for one in config.encoders)
+        check_on_load(self)
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """The cameras, as their features are called."""
+        return self.config.features
+
+    @property
+    def encoders(self) -> dict[str, ImageEncoder]:
+        """Camera -> its encoder."""
+        parts = [part for part in self.parts if isinstance(part, ImageEncoder)]
+        return dict(zip(self.features, parts, strict=True))
+
+    def begin(self) -> Sight:
+        """Return what looks at the pictures of an episode that begins, as it is known now."""
+        encoders = [*snapshot_of(self).encoders.values()]
+        return Sight(encoders, self.config.at_once, self.config.until)
+
+    def checked(self, pictures: object) -> list[NDArray[np.uint8]]:
+        """Return one reduced picture `[h, w, 3]` of each camera.
+
+        Args:
+            pictures: camera -> uint8 `[H, W, 3]`; others than those of the config are ignored.
+
+        Raises:
+            ValueError: a camera is missing, or its picture is none, or of another aspect.
+        """
+        from pacnet.datasets.pictures import reduce  # imports numba
+
+        if not isinstance(pictures, Mapping):
+            got = "none" if pictures is None else type(pictures).__name__
+            raise ValueError(f"expected pictures of {', '.join(self.features)}, got {got}")
+        found = []
+        for feature, encoder in self.encoders.items():
+            if feature not in pictures:
+                got = ", ".join(map(str, pictures)) or "none"
+                raise ValueError(f"expected a picture of {feature!r}, got {got}")
+            picture, config = reduce(pictures[feature]), encoder.config
+            if picture.shape != (config.height, config.width, 3):
+                raise ValueError(
+                    f"expected pictures of {feature!r} that are {config.width} x {config.height} "
+                    f"pixels when reduced, got {picture.shape[1]} x {picture.shape[0]} of "
+                    f"{pictures[feature].shape[1]} x {pictures[feature].shape[0]}"
+                )
+            found.append(picture)
+        return found
+
+    def with_goals(self, demonstrations: Demonstrations, hands: Hands) -> Demonstrations:
+        """Return demonstrations whose percepts end with where the hand will be.
+
+        A whole episode says so itself. In one that begins in the middle the pictures tell.
+
+        Args:
+            demonstrations: whole episodes, or parts of them with pictures.
+            hands: where the hand is in them.
+
+        Raises:
+            ValueError: an episode that begins in the middle has no pictures of a camera.
+        """
+        episodes = []
+        for shown, hand in zip(demonstrations, hands, strict=True):
+            if shown.first_frame == 0:
+                goals = np.tile(goals_of(hand), (len(hand), 1))
+            else:
+                goals = self._goals_seen(shown)
+            episodes.append(replace(shown, encoded=torch.from_numpy(goals)))
+        return self._named(demonstrations, episodes)
+
+    def seen(self, demonstrations: Demonstrations) -> Demonstrations:
+        """Return demonstrations whose percepts end with what their pictures tell, as while acting.
+
+        Raises:
+            ValueError: an episode has no pictures of a camera.
+        """
+        return self._named(
+            demonstrations,
+            [
+                replace(shown, encoded=torch.from_numpy(self._goals_seen(shown)))
+                for shown in demonstrations
+            ],
+        )
+
+    def look_at(self, shown: Demonstration) -> list[Seen]:
+        """Return what is seen in each frame of an episode.
+
+        Raises:
+            ValueError: it has no pictures of a camera.
+        """
+        try:
+            sight, pictures = self.begin(), shown.pictures
+            return [
+                sight(self.checked({name: frames[frame] for name, frames in pictures.items()}))
+                for frame in range(len(shown.state))
+            ]
+        except ValueError as error:
+            raise ValueError(f"episode {shown.episode}: {error}") from None
+
+    def _goals_seen(self, shown: Demonstration) -> NDArray[np.float32]:
+        return np.stack([seen.goals for seen in self.look_at(shown)])
+
+    def _named(
+        self, demonstrations: Demonstrations, episodes: Sequence[Demonstration]
+    ) -> Demonstrations:
+        """Return demonstrations with these episodes, and the goals among the percepts' features."""
+        action = demonstrations.action_features
+        names = {**demonstrations.percept_features, FEATURE: self.config.names}
+        names |= {name: demonstrations.names[name] for name in action}
+        return replace(
+            demonstrations,
+            names=names,
+            episodes=tuple(episodes),
+            state=demonstrations.state_features,
+        )
+
+    def add(self, demonstrations: Demonstrations, hands: Hands, numbers: Sequence[int]) -> None:
+        """Learn from the beginnings of whole episodes with pictures where things are.
+
+        Args:
+            demonstrations: some.
+            hands: where the hand is in them.
+            numbers: of the demonstrations, ascending; if the first is 0, all are new.
+        """
+        before = [encoder.shown_state() for encoder in self.encoders.values()]
+        if 0 in numbers:
+            for encoder in self.encoders.values():
+                encoder.forget()
+        for shown, hand, number in zip(demonstrations, hands, numbers, strict=True):
+            if shown.first_frame > 0 or not {*self.features} <= {*shown.pictures}:
+                continue
+            goals = torch.from_numpy(goals_of(hand))
+            for feature, encoder in self.encoders.items():
+                beginning = beginning_of(shown.pictures[feature], demonstrations.fps)
+                encoder.add(torch.from_numpy(beginning), goals, number)
+        for encoder, old in zip(self.encoders.values(), before, strict=True):
+            if not encoder.has_shown(old):
+                encoder.refit()
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+        for number, encoder in enumerate(self.encoders.values()):
+            encoder.check_state(part_of(tensors, f"parts.{number}."))
+        known = tuple(f"parts.{number}." for number in range(len(self.features)))
+        extra = [name for name in tensors if not name.startswith(known)]
+        if extra:
+            raise ValueError(f"expected tensors of {len(known)} cameras, got {extra[0]!r} as well")
+
+
+def beginning_of(pictures: NDArray[np.uint8], fps: float) -> NDArray[np.uint8]:
+    """Return the picture with which an episode begins, `[h, w, 3]`.
+
+    A first picture may be bad, so it is the median of some. They are few: a hand that has set out
+    says where it goes, and would be attended to rather than what it goes to.
+    """
+    frames = max(1, min(_AT_BEGINNING, round(_BEGINNING * fps)))
+    return np.median(pictures[:frames], axis=0).astype(np.uint8)

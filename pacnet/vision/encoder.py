@@ -1,0 +1,175 @@
+"""Turns one camera's pictures into where the hand will be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from pacnet.core.growable_rows import Column, GrowableRows, copy_on_state_dict
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure
+from pacnet.vision.backbones import backbone_of
+from pacnet.vision.config import NONE, PATCHES, ImageEncoderConfig, Told
+from pacnet.vision.goals import SHARES
+from pacnet.vision.patches import Patches
+from pacnet.vision.projection import Projection
+from pacnet.vision.regression import fit, left_out, left_out_of_mean
+
+LEAST = 3  # demonstrations, of which one can be left out
+_MOST = 40  # demonstrations that are fitted; of more, some at equal distances
+
+
+class Look(NamedTuple):
+    """What one picture tells."""
+
+    goals: Tensor
+    """Where the hand will be, `[m]`, float32: G goals of S dimensions, in the hand's own unit."""
+    doubt: float
+    """How unlike what was shown the picture is where it matters; above 1 it is new."""
+    boxes: tuple[tuple[float, float, float, float], ...]
+    """Left, top, right and bottom [pixels] of what is attended to; none without patches."""
+
+
+class ImageEncoder(nn.Module):
+    """Tells goals from pictures of one camera; fitted in a second to a few demonstrations.
+
+    Args:
+        config: see `ImageEncoderConfig`.
+
+    Attributes:
+        shown: picture at the beginning of each demonstration, its goals, and its number.
+        told: see `Told`.
+    """
+
+    centre: Tensor  # [m], mean of the goals
+    quality: Tensor  # [3], error, that of the mean, and chance
+
+    def __init__(self, config: ImageEncoderConfig) -> None:
+        super().__init__()
+        self.config = config
+        picture, outputs = (config.height, config.width, 3), config.outputs
+        self.shown = GrowableRows(
+            {
+                "picture": Column(picture, torch.uint8),
+                "goals": Column((outputs,), torch.float32),
+                "demonstration": Column((), torch.int64),
+            }
+        )
+        self.weights = GrowableRows(
+            {"mean": Column((), torch.float32), "weight": Column((outputs,), torch.float32)}
+        )
+        self.seen: Patches | Projection | None = None
+        if config.kind == PATCHES:
+            self.seen = Patches(config.patch)
+        elif config.kind != NONE:
+            self.seen = Projection(config.features)
+        self.register_buffer("centre", torch.zeros(outputs))
+        self.register_buffer("quality", torch.tensor([0.0, 0.0, 1.0]))
+        copy_on_state_dict(self)
+        check_on_load(self)
+
+    def extra_repr(self) -> str:
+        """Return the kind and what it was fitted to, for `print`."""
+        size = f"{self.config.width} x {self.config.height}"
+        return f"kind={self.config.kind}, pictures={size}, demonstrations={len(self.shown)}"
+
+    @property
+    def told(self) -> Told:
+        """How well it tells goals, with each demonstration left out."""
+        return Told(*self.quality.tolist())
+
+    @torch.no_grad()
+    def add(self, picture: Tensor, goals: Tensor, demonstration: int) -> None:
+        """Keep the picture at the beginning of a demonstration; `refit` makes use of it.
+
+        Args:
+            picture: uint8 `[h, w, 3]`.
+            goals: `[m]`.
+            demonstration: its number.
+        """
+        row = {"picture": picture, "goals": goals, "demonstration": demonstration}
+        self.shown.append(row)
+
+    def forget(self) -> None:
+        """Forget which demonstrations were shown; what was fitted to them stays until `refit`."""
+        self.shown.select(torch.empty(0, dtype=torch.int64))
+
+    def shown_state(self) -> dict[str, Tensor]:
+        """Return a copy of what was shown."""
+        return self.shown.state_dict()
+
+    def has_shown(self, state: Mapping[str, Tensor]) -> bool:
+        """Return whether just this was shown; see `shown_state`."""
+        return all(torch.equal(self.shown.live(name), column) for name, column in state.items())
+
+    @torch.no_grad()
+    def refit(self) -> None:
+        """Fit to the demonstrations shown; fewer than three tell nothing but their mean."""
+        rows = torch.linspace(0, len(self.shown) - 1, min(_MOST, len(self.shown))).round().long()
+        goals = self.shown.live("goals")[rows].double()
+        self.centre = goals.mean(dim=0).float()
+        alone = _distance(left_out_of_mean(goals)) if len(goals) > 1 else 0.0
+        self.quality = torch.tensor([alone, alone, 1.0])
+        if self.seen is None or len(goals) < LEAST:
+            return
+        pictures = self.shown.live("picture")[rows]
+        scale = (goals - goals.mean(dim=0)).square().mean().sqrt().clamp(min=1e-12)
+        shown = pictures if isinstance(self.seen, Patches) else self._features(pictures)
+        features, choice = self.seen.fit(shown, goals / scale)
+        mean, weight, centre = fit(features, goals, choice.ridge)
+        self.weights.replace({"mean": mean, "weight": weight})
+        self.centre = centre.float()
+        error = _distance(left_out(features, goals, choice.ridge))
+        self.quality = torch.tensor([error, alone, choice.chance])
+
+    def _features(self, pictures: Tensor) -> Tensor:
+        return backbone_of(self.config)(pictures)
+
+    @torch.no_grad()
+    def look(self, picture: Tensor) -> Look:
+        """Return what one picture tells, uint8 `[h, w, 3]`."""
+        if self.seen is None or len(self.weights) == 0:
+            return Look(self.centre.clone(), 0.0, ())
+        shown = picture if isinstance(self.seen, Patches) else self._features(picture[None])[0]
+        features, doubt, boxes = self.seen.describe(shown)
+        mean, weight = self.weights.live("mean"), self.weights.live("weight")
+        goals = (features[: len(mean)].float() - mean) @ weight + self.centre
+        shown_goals = self.shown.live("goals")
+        lowest, highest = shown_goals.amin(dim=0), shown_goals.amax(dim=0)
+        span = highest - lowest
+        return Look(goals.clamp(lowest - span, highest + span), doubt, boxes)
+
+    def forward(self, picture: Tensor, state: Tensor) -> tuple[Tensor, float, tuple]:
+        """Return the way from where the hand is to each goal `[m]`, the doubt and the boxes.
+
+        Args:
+            picture: uint8 `[h, w, 3]`.
+            state: where the hand is, `[S]`.
+        """
+        goals, doubt, boxes = self.look(picture)
+        return goals - state.repeat(len(SHARES)), doubt, boxes
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+        check_structure(self, tensors)
+        quality, numbers = tensors["quality"], tensors["shown.demonstration"]
+        weights = [tensors[f"weights.{name}"] for name in ("mean", "weight")]
+        check_conditions(
+            {
+                "errors ≥ 0": bool((quality >= 0).all() and quality.isfinite().all()),
+                "finite weights": all(bool(one.isfinite().all()) for one in weights),
+                "finite goals": all(
+                    bool(tensors[name].isfinite().all()) for name in ("centre", "shown.goals")
+                ),
+                "demonstrations in order": bool(
+                    (numbers >= 0).all() and (numbers.diff() > 0).all()
+                ),
+            }
+        )
+
+
+def _distance(errors: Tensor) -> float:
+    """Return the mean distance of errors `[N, G · S]` over goals, in the hand's unit."""
+    return errors.unflatten(1, (len(SHARES), -1)).norm(dim=2).mean().item()

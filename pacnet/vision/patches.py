@@ -1,0 +1,145 @@
+"""Patches whose places in a picture tell where the hand will be.
+
+What differs between demonstrations is worth attending to: candidates are cut where pictures differ
+from their median and have contrast. Each is looked for in all pictures. A few whose places foretell
+the goals of demonstrations that are left out are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pacnet.core.growable_rows import Column, GrowableRows
+from pacnet.core.integrity import check_conditions, check_on_load, check_structure
+from pacnet.vision.correlation import Found, as_tensor, contrast, find, patches_at
+from pacnet.vision.regression import Choice, choose
+
+CANDIDATES = 160  # patches that are tried
+_LEAST_EACH = 4  # of them from each picture
+_MOST = 3  # patches that are kept
+_UNLIKE = 0.02  # what a correlation of 0 adds to the error
+_DISTINCT = 0.3  # margin from which another place is out of the question
+_AMBIGUOUS = 0.5  # what a margin of nothing adds to the error, in shares of `_DISTINCT`
+_BEYOND = 0.5  # of the range of a patch's places: how far beyond it is looked for
+_PIXELS = 3.0  # and so many more
+_MARGIN, _FEW = 0.9, 8  # as of the detector of novelty: of N demonstrations, _FEW / N of it
+_LEAST_UNLIKE = 0.03  # 1 − correlation that pictures differ by at least
+
+
+class Description(NamedTuple):
+    """What is seen in one picture."""
+
+    features: Tensor
+    """Numbers that goals are foretold from, `[d]`, float64."""
+    doubt: float
+    """How unlike what was shown it is; above 1 it is new."""
+    boxes: tuple[tuple[float, float, float, float], ...]
+    """Left, top, right and bottom [pixels] of what is attended to."""
+
+
+class Patches(nn.Module):
+    """A few patches, and where each is looked for.
+
+    Args:
+        size: of a patch [pixels].
+    """
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.size = size
+        corner = Column((2,), torch.float32)
+        self.rows = GrowableRows(
+            {
+                "patch": Column((3, size, size), torch.float32),
+                "low": corner,
+                "high": corner,
+                "worst": Column((), torch.float32),
+            }
+        )
+        check_on_load(self)
+
+    def fit(self, pictures: Tensor, goals: Tensor) -> tuple[Tensor, Choice]:
+        """Choose patches; return the features `[N, d]` of the pictures, and how they were chosen.
+
+        Args:
+            pictures: of N demonstrations, uint8 `[N, h, w, 3]`.
+            goals: `[N, m]`, float64.
+        """
+        seen = as_tensor(pictures)
+        patches = _candidates(seen, self.size)
+        found = find(seen, patches)
+        places = found.places.double() / max(seen.shape[2:])
+        unlike = _UNLIKE * (1 - found.scores.min(dim=0).values)
+        vague = (_DISTINCT - found.margins).clamp(min=0).mean(dim=0)
+        groups, penalties = places.transpose(0, 1), (unlike + _AMBIGUOUS * vague).double()
+        most = min(_MOST, max(1, (len(pictures) - 2) // 2))
+        choice = choose(groups, penalties, goals, most)
+        self._keep(patches, found, choice.columns)
+        return groups[list(choice.columns)].transpose(0, 1).flatten(1), choice
+
+    def _keep(self, patches: Tensor, found: Found, columns: tuple[int, ...]) -> None:
+        chosen = list(columns)
+        places, unlike = found.places[:, chosen], 1 - found.scores[:, chosen]
+        lowest, highest = places.amin(dim=0), places.amax(dim=0)
+        beyond = _BEYOND * (highest - lowest) + _PIXELS
+        few = min(1.0, _FEW / len(places))
+        worst = unlike.amax(dim=0).clamp(min=_LEAST_UNLIKE) * (1 + _MARGIN * few)
+        rows = {"patch": patches[chosen], "low": lowest - beyond, "high": highest + beyond}
+        self.rows.replace({**rows, "worst": worst})
+
+    def describe(self, picture: Tensor) -> Description:
+        """Return what is seen in one picture, uint8 `[h, w, 3]`."""
+        seen = as_tensor(picture[None])
+        low, high = self.rows.live("low"), self.rows.live("high")
+        places, scores = [], []
+        for number, patch in enumerate(self.rows.live("patch")):
+            part, corner = self._part(seen, low[number], high[number])
+            found = find(part, patch[None])
+            places.append(found.places[0, 0] + corner)
+            scores.append(found.scores[0, 0])
+        place = torch.stack(places)
+        doubt = ((1 - torch.stack(scores)) / self.rows.live("worst")).max().item()
+        boxes = tuple(
+            (column, row, column + self.size, row + self.size) for row, column in place.tolist()
+        )
+        return Description(place.double().flatten() / max(seen.shape[2:]), doubt, boxes)
+
+    def _part(self, seen: Tensor, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the part of pictures `[1, 3, h, w]` in which a patch may be, and its corner."""
+        most = torch.tensor([side - self.size for side in seen.shape[2:]], dtype=torch.float32)
+        first = torch.minimum(low.floor().clamp(min=0), most).long()
+        last = torch.minimum(high.ceil().clamp(min=0), most).long()
+        (top, left), (bottom, right) = first.tolist(), last.tolist()
+        return seen[:, :, top : bottom + self.size, left : right + self.size], first.float()
+
+    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
+        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
+        check_structure(self, tensors)
+        low, high, worst = (tensors[f"rows.{name}"] for name in ("low", "high", "worst"))
+        check_conditions(
+            {
+                "finite patches": tensors["rows.patch"].isfinite().all(),
+                "places to look at": bool((low <= high).all() and (high - low).isfinite().all()),
+                "thresholds > 0": bool((worst > 0).all() and worst.isfinite().all()),
+                f"at most {_MOST} patches": len(worst) <= _MOST,
+            }
+        )
+
+
+def _candidates(pictures: Tensor, size: int) -> Tensor:
+    """Return patches of pictures `[N, 3, h, w]`, drawn where these differ and have contrast."""
+    differs = (pictures - pictures.median(dim=0).values).abs().sum(dim=1, keepdim=True)
+    weight = (functional.avg_pool2d(differs, size, 1) * contrast(pictures, size))[:, 0]
+    each = max(_LEAST_EACH, -(-CANDIDATES // len(pictures)))
+    columns, generator = weight.shape[2], torch.Generator().manual_seed(0)
+    patches = []
+    for picture, own in zip(pictures, weight.flatten(1) + 1e-9, strict=True):
+        drawn = torch.multinomial(own, min(each, len(own)), generator=generator).tolist()
+        corners = [divmod(number, columns) for number in drawn]
+        patches.append(patches_at(picture, corners, size))
+    return torch.cat(patches)
