@@ -26,6 +26,7 @@ MODULES = {
     "environments": "control steps of the scenes, compared with plain physics",
     "memory": "ten million samples from a generator",
     "datasets": "recording and reading datasets, compared with LeRobot",
+    "pictures": "recording and decoding the pictures of cameras, compared with LeRobot",
     "fit": "pacnet fit, from the command to the checkpoint",
 }
 WITH_LEROBOT = "datasets"

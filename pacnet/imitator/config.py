@@ -15,7 +15,7 @@ from pacnet.forward_models.config import AffineForwardModelConfig, MLPForwardMod
 from pacnet.imitator.scaling import Scaling
 from pacnet.schemas.frames import FramesConfig
 from pacnet.schemas.points import Points
-from pacnet.vision.cameras_config import CamerasConfig
+from pacnet.vision.cameras_config import CAMERAS, CamerasConfig
 
 _FASTEST = 100_000  # frames per second [1/s]; memory for the last of them is made beforehand
 
@@ -144,9 +144,17 @@ class ImitatorConfig:
         return None if self.frames is None else self.frames.points
 
     @property
+    def tells_places(self) -> bool:
+        """Whether what cameras tell is a part of the percept: where the hand will be.
+
+        Otherwise they tell postures, to which demonstrations are warped.
+        """
+        return self.cameras is not None and CAMERAS in self.percepts
+
+    @property
     def perceived_dimensions(self) -> int:
         """Length of a percept without what cameras tell."""
-        return len(self.percept_names) - (0 if self.cameras is None else len(self.cameras.names))
+        return len(self.percept_names) - len(self.percepts[CAMERAS] if self.tells_places else ())
 
     @property
     def target_dimensions(self) -> int:

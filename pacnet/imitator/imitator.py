@@ -34,12 +34,15 @@ from pacnet.imitator.framed_step import framed_step
 from pacnet.imitator.learning import Draft, how_begins
 from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.points import PointsChoice
+from pacnet.imitator.postures import postures_of, see_postures, warp
 from pacnet.imitator.recognizing import recognizer_of
 from pacnet.imitator.records import EpisodeReport, Followed, ImitatorStep, task_name
 from pacnet.imitator.seeing import Hands, hands_of, place_of_hand, see
 from pacnet.imitator.state import ImitatorState, Known
 from pacnet.kernels.engine import Engine
 from pacnet.schemas.targets import targets_ahead
+from pacnet.vision.cameras import Cameras
+from pacnet.vision.config import NONE
 from pacnet.vision.fitting import CameraReport
 from pacnet.vision.sight import Seen
 
@@ -127,10 +130,16 @@ class Imitator(ImitatorState):
         config = choose_settings(
             seeing.demonstrations, targets, lead, budget, seeing.points, body, seeing.cameras
         )
+        cameras, reports = seeing.cameras, seeing.reports
+        has_pictures = any(shown.pictures for shown in demonstrations)
+        if has_pictures and config.frames is None and encoder != NONE:
+            config = choose_settings(demonstrations, targets, lead, budget, None, None)
+            cameras, reports = see_postures(demonstrations, config, encoder)
+            config = replace(config, cameras=None if cameras is None else cameras.config)
         imitator = cls(config, engine)
-        imitator.camera_reports = seeing.reports
-        if seeing.cameras is not None and imitator.cameras is not None:
-            imitator.cameras.load_state_dict(seeing.cameras.state_dict())
+        imitator.camera_reports = reports
+        if cameras is not None and imitator.cameras is not None:
+            imitator.cameras.load_state_dict(cameras.state_dict())
         if body is not None and imitator.frames is not None:
             imitator.frames.take_body(body)
         return imitator
@@ -178,10 +187,10 @@ class Imitator(ImitatorState):
         first, actions = check_storage("first_action", self.first_action), len(self.config.action)
         if first.shape != (actions,):
             raise ValueError(f"expected a first action [{actions}], got {list(first.shape)}")
-        whole, hands = demonstrations, []
-        if self.cameras is not None:
-            whole, hands = self._with_goals(demonstrations)
-            demonstrations = whole
+        hands = self._hands(demonstrations)
+        if self.cameras is not None and self.config.tells_places:
+            demonstrations = self.cameras.with_goals(demonstrations, hands)
+        whole = demonstrations
         check_demonstrations(demonstrations, self.config, self.sofm)
         if not self.training:
             return []
@@ -219,12 +228,15 @@ class Imitator(ImitatorState):
             ValueError: wrong shape or dtype, not finite, or a camera without a picture; nothing has
                 changed.
         """
+        goals = None
         if self.cameras is not None:
             percept = check_row("percept", percept, self.config.perceived_dimensions)
             seen = self._see(pictures)
             if seen.doubt > 1:
                 return _unseen(seen, self.cameras.features)
-            percept = np.concatenate([percept, seen.goals])
+            goals = seen.goals
+            if self.config.tells_places:
+                percept = np.concatenate([percept, goals])
         percept, known = check_row("percept", percept, len(self.percept_names)), self._latest()
         with np.errstate(over="ignore"):  # refused below
             scaled = percept * self._scale
@@ -236,6 +248,8 @@ class Imitator(ImitatorState):
             end = _END * self.config.fps
             names = self.config.point_dimensions
             return framed_step(percept, known.framed, self.frames.config, names, end)
+        if self.cameras is not None and goals is not None:
+            known = self._warp(known, self.cameras, goals)
         return self._step(percept, scaled, known)
 
     def _see(self, pictures: object) -> Seen:
@@ -248,12 +262,22 @@ class Imitator(ImitatorState):
             sight = self._sight
         return sight(checked)
 
-    def _with_goals(self, demonstrations: Demonstrations) -> tuple[Demonstrations, Hands]:
-        """Return demonstrations with where the hand will be, and where it is in each."""
-        assert self.cameras is not None
+    def _hands(self, demonstrations: Demonstrations) -> Hands:
+        """Return where the hand is in each demonstration, or its posture; none without cameras."""
+        if self.cameras is None:
+            return []
+        if not self.config.tells_places:
+            return postures_of(demonstrations, self.config)
         body = None if self.frames is None else self.frames.body
-        hands = hands_of(demonstrations, place_of_hand(self.config), body)
-        return self.cameras.with_goals(demonstrations, hands), hands
+        return hands_of(demonstrations, place_of_hand(self.config), body)
+
+    def _warp(self, known: Known, cameras: Cameras, goals: NDArray[np.float32]) -> Known:
+        """Return what is known, with the goals that the cameras tell."""
+        last = self._warped
+        if last is None or not last.is_of(known.shown, goals):
+            last = warp(known.shown, known.allowed, cameras, goals, self.config)
+            self._warped = last
+        return known._replace(shown=last.shown, allowed=last.nearest)
 
     def _look_at(self, whole: Demonstrations, hands: Hands, first: int) -> None:
         """Let the cameras learn from the whole demonstrations that were learned.

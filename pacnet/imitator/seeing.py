@@ -16,7 +16,8 @@ from pacnet.imitator.body import body_config
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.points import PointsChoice, find_points, parse_moved
 from pacnet.schemas.points import Point, Points
-from pacnet.vision.cameras import FEATURE, Cameras
+from pacnet.vision.cameras import Cameras
+from pacnet.vision.cameras_config import CAMERAS
 from pacnet.vision.fitting import AUTO, CameraReport, fit_cameras
 from pacnet.vision.goals import SHARES, goal_name, goal_names
 
@@ -103,7 +104,7 @@ def _moved(points: PointsChoice, demonstrations: Demonstrations) -> Point | None
     if points != "auto":
         return parse_moved(points, features)
     for size in (3, 2):
-        found = find_points({**features, FEATURE: goal_names(_AXES[:size])}, state).points
+        found = find_points({**features, CAMERAS: goal_names(_AXES[:size])}, state).points
         if found is not None and len(found.moved.place) == size:
             return found.moved
     return None
@@ -121,7 +122,7 @@ def _with_goals(points: PointsChoice, size: int) -> PointsChoice:
         else [*points]
     )
     goals = range(len(SHARES))
-    return texts + [f"{goal_name(n)}={FEATURE}[{n * size}:{(n + 1) * size}]" for n in goals]
+    return texts + [f"{goal_name(n)}={CAMERAS}[{n * size}:{(n + 1) * size}]" for n in goals]
 
 
 def _without_goals(points: PointsChoice, moved: Point | None) -> PointsChoice:

@@ -33,6 +33,7 @@ from pacnet.imitator.cuts import ShownCut, cuts_of
 from pacnet.imitator.forward_model import Model, class_of, make_model
 from pacnet.imitator.framed import FramedKnown, FramedSchemas
 from pacnet.imitator.novelty import NoveltyDetector
+from pacnet.imitator.postures import Warped
 from pacnet.imitator.records import EpisodeReport, read_reports, task_name
 from pacnet.kernels.engine import Engine
 from pacnet.schemas.demonstration_memory import DemonstrationMemory, Shown
@@ -141,7 +142,8 @@ class ImitatorState(nn.Module):
             actions = len(config.action)
             self._framed_follower = FramedFollower(self.frames.config, actions, config.fps)
         self._scale = config.scaling.array
-        self._sight: Sight | None = None  # of this episode
+        self._sight: Sight | None = None  # of this episode, as the next
+        self._warped: Warped | None = None
         self._known: Known | None = None
         self._versions: BufferVersions | None = None  # of the state that the follower refers to
 

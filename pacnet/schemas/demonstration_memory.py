@@ -145,7 +145,7 @@ class DemonstrationMemory(nn.Module):
         shown, versions = self._shown, self._versions
         if shown is None or versions is None or not versions.unchanged():
             self.check_state(self.state_dict())
-            shown = self._keep(_with_boxes(self._arrays()))
+            shown = self._keep(with_boxes(self._arrays()))
         return shown
 
     def whole(self) -> Shown:
@@ -157,7 +157,7 @@ class DemonstrationMemory(nn.Module):
         shown = self.shown()
         if self._whole is None or self._whole[0] is not shown:
             whole = interpolated(shown)
-            self._whole = shown, whole if whole is shown else _with_boxes(whole)
+            self._whole = shown, whole if whole is shown else with_boxes(whole)
         return self._whole[1]
 
     @staticmethod
@@ -243,7 +243,7 @@ def _append(rows: GrowableRows, count: int, values: Mapping[str, Any]) -> None:
     rows.set_length(first + count)
 
 
-def _with_boxes(shown: Shown) -> Shown:
+def with_boxes(shown: Shown) -> Shown:
     """Return the arrays with boxes around all of their frames."""
     begins = [
         np.arange(first, end, _LEAF)

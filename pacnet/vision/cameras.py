@@ -13,14 +13,13 @@ from torch import Tensor, nn
 from pacnet.core.drafts import snapshot_of
 from pacnet.core.integrity import check_on_load, part_of
 from pacnet.datasets.records import Demonstration, Demonstrations
-from pacnet.vision.cameras_config import CamerasConfig
+from pacnet.vision.cameras_config import CAMERAS, CamerasConfig
 from pacnet.vision.encoder import ImageEncoder
 from pacnet.vision.goals import goals_of
 from pacnet.vision.sight import Seen, Sight
 
-FEATURE = "cameras"
-"""What the goals are called as a feature of a percept."""
 _AT_BEGINNING, _BEGINNING = 3, 0.1  # frames, and [s], with which an episode begins
+_ON_THE_WAY = 0.15  # share of an episode
 Hands = Sequence[NDArray[np.floating]]
 """Where the hand is in each demonstration, `[T, S]`."""
 
@@ -101,7 +100,7 @@ class Cameras(nn.Module):
         episodes = []
         for shown, hand in zip(demonstrations, hands, strict=True):
             if shown.first_frame == 0:
-                goals = np.tile(goals_of(hand), (len(hand), 1))
+                goals = np.tile(goals_of(hand, demonstrations.fps), (len(hand), 1))
             else:
                 goals = self._goals_seen(shown)
             episodes.append(replace(shown, encoded=torch.from_numpy(goals)))
@@ -144,7 +143,7 @@ class Cameras(nn.Module):
     ) -> Demonstrations:
         """Return demonstrations with these episodes, and the goals among the percepts' features."""
         action = demonstrations.action_features
-        names = {**demonstrations.percept_features, FEATURE: self.config.names}
+        names = {**demonstrations.percept_features, CAMERAS: self.config.names}
         names |= {name: demonstrations.names[name] for name in action}
         return replace(
             demonstrations,
@@ -168,10 +167,10 @@ class Cameras(nn.Module):
         for shown, hand, number in zip(demonstrations, hands, numbers, strict=True):
             if shown.first_frame > 0 or not {*self.features} <= {*shown.pictures}:
                 continue
-            goals = torch.from_numpy(goals_of(hand))
+            goals = torch.from_numpy(goals_of(hand, demonstrations.fps))
             for feature, encoder in self.encoders.items():
-                beginning = beginning_of(shown.pictures[feature], demonstrations.fps)
-                encoder.add(torch.from_numpy(beginning), goals, number)
+                pictures = pictures_of(shown.pictures[feature], demonstrations.fps)
+                encoder.add(*pictures, goals, number)
         for encoder, old in zip(self.encoders.values(), before, strict=True):
             if not encoder.has_shown(old):
                 encoder.refit()
@@ -186,11 +185,13 @@ class Cameras(nn.Module):
             raise ValueError(f"expected tensors of {len(known)} cameras, got {extra[0]!r} as well")
 
 
-def beginning_of(pictures: NDArray[np.uint8], fps: float) -> NDArray[np.uint8]:
-    """Return the picture with which an episode begins, `[h, w, 3]`.
+def pictures_of(pictures: NDArray[np.uint8], fps: float) -> tuple[Tensor, Tensor]:
+    """Return the picture with which an episode begins, and one on the way, `[h, w, 3]` each.
 
     A first picture may be bad, so it is the median of some. They are few: a hand that has set out
     says where it goes, and would be attended to rather than what it goes to.
     """
     frames = max(1, min(_AT_BEGINNING, round(_BEGINNING * fps)))
-    return np.median(pictures[:frames], axis=0).astype(np.uint8)
+    first = np.median(pictures[:frames], axis=0).astype(np.uint8)
+    later = np.array(pictures[round(_ON_THE_WAY * (len(pictures) - 1))])
+    return torch.from_numpy(first), torch.from_numpy(later)

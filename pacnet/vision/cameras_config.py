@@ -9,6 +9,8 @@ from pacnet.core.validation import check_fields, is_integer
 from pacnet.vision.config import ImageEncoderConfig
 from pacnet.vision.goals import goal_names
 
+CAMERAS = "cameras"
+"""What the goals are called as a feature of a percept."""
 _MOST_FRAMES = 1_000_000
 
 

@@ -15,7 +15,8 @@ from pacnet.vision.config import NONE, PATCHES, ImageEncoderConfig, Told
 from pacnet.vision.goals import SHARES
 from pacnet.vision.patches import Patches
 from pacnet.vision.projection import Projection
-from pacnet.vision.regression import fit, left_out, left_out_of_mean
+from pacnet.vision.readout import Readout
+from pacnet.vision.regression import left_out_of_mean
 
 LEAST = 3  # demonstrations, of which one can be left out
 _MOST = 40  # demonstrations that are fitted; of more, some at equal distances
@@ -39,11 +40,11 @@ class ImageEncoder(nn.Module):
         config: see `ImageEncoderConfig`.
 
     Attributes:
-        shown: picture at the beginning of each demonstration, its goals, and its number.
+        shown: picture at the beginning of each demonstration and on the way, its goals, and its
+            number.
         told: see `Told`.
     """
 
-    centre: Tensor  # [m], mean of the goals
     quality: Tensor  # [3], error, that of the mean, and chance
 
     def __init__(self, config: ImageEncoderConfig) -> None:
@@ -53,19 +54,17 @@ class ImageEncoder(nn.Module):
         self.shown = GrowableRows(
             {
                 "picture": Column(picture, torch.uint8),
+                "later": Column(picture, torch.uint8),
                 "goals": Column((outputs,), torch.float32),
                 "demonstration": Column((), torch.int64),
             }
         )
-        self.weights = GrowableRows(
-            {"mean": Column((), torch.float32), "weight": Column((outputs,), torch.float32)}
-        )
+        self.readout = Readout(outputs)
         self.seen: Patches | Projection | None = None
         if config.kind == PATCHES:
             self.seen = Patches(config.patch)
         elif config.kind != NONE:
             self.seen = Projection(config.features)
-        self.register_buffer("centre", torch.zeros(outputs))
         self.register_buffer("quality", torch.tensor([0.0, 0.0, 1.0]))
         copy_on_state_dict(self)
         check_on_load(self)
@@ -81,15 +80,16 @@ class ImageEncoder(nn.Module):
         return Told(*self.quality.tolist())
 
     @torch.no_grad()
-    def add(self, picture: Tensor, goals: Tensor, demonstration: int) -> None:
+    def add(self, picture: Tensor, later: Tensor, goals: Tensor, demonstration: int) -> None:
         """Keep the picture at the beginning of a demonstration; `refit` makes use of it.
 
         Args:
             picture: uint8 `[h, w, 3]`.
+            later: one while the hand is on its way.
             goals: `[m]`.
             demonstration: its number.
         """
-        row = {"picture": picture, "goals": goals, "demonstration": demonstration}
+        row = {"picture": picture, "later": later, "goals": goals, "demonstration": demonstration}
         self.shown.append(row)
 
     def forget(self) -> None:
@@ -109,19 +109,18 @@ class ImageEncoder(nn.Module):
         """Fit to the demonstrations shown; fewer than three tell nothing but their mean."""
         rows = torch.linspace(0, len(self.shown) - 1, min(_MOST, len(self.shown))).round().long()
         goals = self.shown.live("goals")[rows].double()
-        self.centre = goals.mean(dim=0).float()
+        self.readout.keep_mean(goals)
         alone = _distance(left_out_of_mean(goals)) if len(goals) > 1 else 0.0
         self.quality = torch.tensor([alone, alone, 1.0])
         if self.seen is None or len(goals) < LEAST:
             return
-        pictures = self.shown.live("picture")[rows]
+        pictures, later = (self.shown.live(name)[rows] for name in ("picture", "later"))
         scale = (goals - goals.mean(dim=0)).square().mean().sqrt().clamp(min=1e-12)
-        shown = pictures if isinstance(self.seen, Patches) else self._features(pictures)
-        features, choice = self.seen.fit(shown, goals / scale)
-        mean, weight, centre = fit(features, goals, choice.ridge)
-        self.weights.replace({"mean": mean, "weight": weight})
-        self.centre = centre.float()
-        error = _distance(left_out(features, goals, choice.ridge))
+        if isinstance(self.seen, Patches):
+            features, choice = self.seen.fit(pictures, later, goals / scale)
+        else:
+            features, choice = self.seen.fit(self._features(pictures), goals / scale)
+        error = _distance(self.readout.fit(features, goals))
         self.quality = torch.tensor([error, alone, choice.chance])
 
     def _features(self, pictures: Tensor) -> Tensor:
@@ -130,16 +129,11 @@ class ImageEncoder(nn.Module):
     @torch.no_grad()
     def look(self, picture: Tensor) -> Look:
         """Return what one picture tells, uint8 `[h, w, 3]`."""
-        if self.seen is None or len(self.weights) == 0:
-            return Look(self.centre.clone(), 0.0, ())
+        if self.seen is None or len(self.readout.terms) == 0:
+            return Look(self.readout.centre.clone(), 0.0, ())
         shown = picture if isinstance(self.seen, Patches) else self._features(picture[None])[0]
         features, doubt, boxes = self.seen.describe(shown)
-        mean, weight = self.weights.live("mean"), self.weights.live("weight")
-        goals = (features[: len(mean)].float() - mean) @ weight + self.centre
-        shown_goals = self.shown.live("goals")
-        lowest, highest = shown_goals.amin(dim=0), shown_goals.amax(dim=0)
-        span = highest - lowest
-        return Look(goals.clamp(lowest - span, highest + span), doubt, boxes)
+        return Look(self.readout(features), doubt, boxes)
 
     def forward(self, picture: Tensor, state: Tensor) -> tuple[Tensor, float, tuple]:
         """Return the way from where the hand is to each goal `[m]`, the doubt and the boxes.
@@ -155,14 +149,10 @@ class ImageEncoder(nn.Module):
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         check_structure(self, tensors)
         quality, numbers = tensors["quality"], tensors["shown.demonstration"]
-        weights = [tensors[f"weights.{name}"] for name in ("mean", "weight")]
         check_conditions(
             {
                 "errors ≥ 0": bool((quality >= 0).all() and quality.isfinite().all()),
-                "finite weights": all(bool(one.isfinite().all()) for one in weights),
-                "finite goals": all(
-                    bool(tensors[name].isfinite().all()) for name in ("centre", "shown.goals")
-                ),
+                "finite goals": tensors["shown.goals"].isfinite().all(),
                 "demonstrations in order": bool(
                     (numbers >= 0).all() and (numbers.diff() > 0).all()
                 ),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pacnet.datasets.records import Demonstration, Demonstrations
 from pacnet.vision.backbones import features_of
-from pacnet.vision.cameras import Cameras, Hands, beginning_of
+from pacnet.vision.cameras import Cameras, Hands, pictures_of
 from pacnet.vision.cameras_config import CamerasConfig
 from pacnet.vision.config import (
     BUILT_IN,
@@ -158,8 +158,7 @@ def _fitted(
         )
     )
     for number, pictures, hand in shown:
-        beginning = torch.from_numpy(beginning_of(pictures, fps))
-        encoder.add(beginning, torch.from_numpy(goals_of(hand)), number)
+        encoder.add(*pictures_of(pictures, fps), torch.from_numpy(goals_of(hand, fps)), number)
     encoder.refit()
     return encoder
 
@@ -176,7 +175,7 @@ def _until(
         times = np.unique(np.linspace(0, len(pictures) - 1, _LOOKS).round().astype(int)).tolist()
         first, last = None, 0
         for time in times:
-            look = encoder.look(torch.from_numpy(np.ascontiguousarray(pictures[time])))
+            look = encoder.look(torch.from_numpy(np.array(pictures[time])))
             goals = steps_of(look.goals.numpy())
             first = goals if first is None else first
             apart = np.linalg.norm(goals - first, axis=1).mean()

@@ -25,6 +25,8 @@ _MOST = 3  # patches that are kept
 _UNLIKE = 0.02  # what a correlation of 0 adds to the error
 _DISTINCT = 0.3  # margin from which another place is out of the question
 _AMBIGUOUS = 0.5  # what a margin of nothing adds to the error, in shares of `_DISTINCT`
+_MOVED = 2.0  # pixels
+_RESTLESS = 0.5  # what it adds to the error that a patch is elsewhere in all later pictures
 _BEYOND = 0.5  # of the range of a patch's places: how far beyond it is looked for
 _PIXELS = 3.0  # and so many more
 _MARGIN, _FEW = 0.9, 8  # as of the detector of novelty: of N demonstrations, _FEW / N of it
@@ -63,20 +65,24 @@ class Patches(nn.Module):
         )
         check_on_load(self)
 
-    def fit(self, pictures: Tensor, goals: Tensor) -> tuple[Tensor, Choice]:
+    def fit(self, pictures: Tensor, later: Tensor, goals: Tensor) -> tuple[Tensor, Choice]:
         """Choose patches; return the features `[N, d]` of the pictures, and how they were chosen.
 
         Args:
             pictures: of N demonstrations, uint8 `[N, h, w, 3]`.
+            later: the same while the hand is on its way: what it goes to is where it was, and the
+                hand is not.
             goals: `[N, m]`, float64.
         """
         seen = as_tensor(pictures)
         patches = _candidates(seen, self.size)
-        found = find(seen, patches)
+        found, again = find(seen, patches), find(as_tensor(later), patches)
+        moved = (again.places - found.places).norm(dim=2) > _MOVED
         places = found.places.double() / max(seen.shape[2:])
         unlike = _UNLIKE * (1 - found.scores.min(dim=0).values)
         vague = (_DISTINCT - found.margins).clamp(min=0).mean(dim=0)
-        groups, penalties = places.transpose(0, 1), (unlike + _AMBIGUOUS * vague).double()
+        unlike = unlike + _AMBIGUOUS * vague + _RESTLESS * moved.float().mean(dim=0)
+        groups, penalties = places.transpose(0, 1), unlike.double()
         most = min(_MOST, max(1, (len(pictures) - 2) // 2))
         choice = choose(groups, penalties, goals, most)
         self._keep(patches, found, choice.columns)

@@ -60,10 +60,17 @@ def recode(path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"avc1", b"zzzz"))
 
 
+def scratch(path: Path) -> None:
+    """Damage the second half of one picture, the rest of which can still be decoded."""
+    with av.open(str(path)) as container:
+        packet = next(one for one in container.demux(video=0) if one.pts == 2 / 10 / one.time_base)
+    content, half = bytearray(path.read_bytes()), packet.size // 2
+    content[packet.pos + half : packet.pos + packet.size] = b"\xff" * (packet.size - half)
+    path.write_bytes(content)
+
+
 def list_others(path: Path) -> None:
-    path.write_text(
-        f"#EXTM3U\n#EXTINF:1,\n{path.with_name('episode_000000.mp4')}\n#EXT-X-ENDLIST\n"
-    )
+    path.write_text("ffconcat version 1.0\nfile episode_000000.mp4\n")  # which FFmpeg would follow
 
 
 @pytest.mark.parametrize(
@@ -74,10 +81,11 @@ def list_others(path: Path) -> None:
         (point, "run `git lfs pull`"),
         (recode, "codec"),
         (list_others, "Invalid data"),
+        (scratch, "found 5 and none for frame 2"),
         (lambda path: write_video(path, noise(1)[:-1]), "6 frames, found 5 and none for frame 5"),
         (lambda path: write_video(path, noise(1)[:, :, :32]), "48x32 after they are reduced"),
     ],
-    ids=["cut", "empty", "pointer", "codec", "playlist", "short", "aspect"],
+    ids=["cut", "empty", "pointer", "codec", "playlist", "scratch", "short", "aspect"],
 )
 def test_a_damaged_video_names_its_episode(
     tmp_path: Path, damage: Callable[[Path], None], reason: str

@@ -2,8 +2,8 @@
 
 The red, green and blue of a reduced pixel are the means over the rectangle that it covers, where
 pixels count by how much of them lies in it. Videos are converted to RGB before, since FFmpeg's own
-reduction of `yuv420p` drops three of four rows of colours (mean error 17 of 255 on a colourful
-picture, against 3).
+reduction of `yuv420p` to RGB loses colours (mean error 17 of 255 on a colourful picture, against
+3).
 """
 
 from __future__ import annotations
