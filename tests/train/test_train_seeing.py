@@ -141,8 +141,8 @@ def test_a_radius_that_cannot_be_is_refused(monkeypatch, capsys, arguments, mess
 
 @pytest.mark.slow
 def test_a_run_leaves_scores_a_figure_and_a_film(tmp_path: Path, monkeypatch, capsys):
-    monkeypatch.setattr(trials, "COUNTS", (3, 4))
-    monkeypatch.setattr(seeing, "COUNTS", (3, 4))
+    monkeypatch.setattr(trials, "COUNTS", (6, 10))
+    monkeypatch.setattr(seeing, "COUNTS", (6, 10))
     arguments = ["--episodes", "1", "--seed", "5", "--runs", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", ["seeing", *arguments])
     seeing.main()
@@ -150,6 +150,6 @@ def test_a_run_leaves_scores_a_figure_and_a_film(tmp_path: Path, monkeypatch, ca
     for name in ("figures/seeing.png", "seeing.mp4", "seeing.gif"):
         assert (run / name).stat().st_size > 1000
     scores = json.loads((run / "metrics.json").read_text())
-    assert scores["ours | 4"]["success"]["values"] == [1.0]
-    assert scores["ours | 4"]["absent_is_new"]["values"] == [1.0]
+    assert scores["ours | 10"]["success"]["values"] == [1.0]
+    assert scores["ours | 10"]["absent_is_new"]["values"] == [1.0]
     assert "ours" in capsys.readouterr().out

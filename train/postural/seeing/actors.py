@@ -62,7 +62,7 @@ class Replay:
         self._played: NDArray[np.float32] | None = None
         self._step = -1
 
-    def step(self, _: Observation) -> Target:
+    def step(self, observation: Observation) -> Target:  # noqa: ARG002  an Actor's
         """Return the target of the coming step."""
         if self._played is None:
             apart = _distances(self._firsts, coarse(self._environment.look()))

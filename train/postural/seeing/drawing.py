@@ -84,7 +84,7 @@ def _boxed(imitator: Imitator, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     assert imitator.cameras is not None
     boxes = imitator.cameras.encoders[CAMERA].look(torch.from_numpy(picture)).boxes
     factor = _INSET * 2 / len(picture)
-    drawn = Image.fromarray(picture).resize((_INSET * 2,) * 2, Image.Resampling.NEAREST)
+    drawn = Image.fromarray(picture).resize((2 * _INSET, 2 * _INSET), Image.Resampling.NEAREST)
     for box in boxes:
         ImageDraw.Draw(drawn).rectangle([factor * side for side in box], outline=_BOX, width=4)
     return np.asarray(drawn)
@@ -92,7 +92,7 @@ def _boxed(imitator: Imitator, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def _with_inset(frame: NDArray[np.uint8], inset: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a frame with a picture in its upper left corner, at a size of `_INSET`."""
-    small = Image.fromarray(inset).resize((_INSET,) * 2, Image.Resampling.BOX)
+    small = Image.fromarray(inset).resize((_INSET, _INSET), Image.Resampling.BOX)
     whole = Image.fromarray(frame)
     whole.paste(small, (8, 8))
     return np.asarray(whole)

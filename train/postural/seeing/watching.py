@@ -90,7 +90,7 @@ def told(seed: int, count: int, radius: float = RADIUS) -> Demonstrations:
     for number, episode_seed in enumerate(demonstration_seeds(seed, count)):
         place = draw_place(episode_seed, radius)
         percepts = watch_demonstration(environment, episode_seed, offset=place)
-        parts = (torch.from_numpy(part) for part in frames_of(percepts).values())
-        episodes.append(Demonstration(number, TASK, *parts))
+        state, glass, action = map(torch.from_numpy, frames_of(percepts).values())
+        episodes.append(Demonstration(number, TASK, state, glass, action))
     environment.close()
     return Demonstrations(FPS, FEATURES, tuple(episodes))
