@@ -82,11 +82,12 @@ def film(checkpoint: Path, seed: int, path: Path) -> None:
 def _boxed(imitator: Imitator, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a picture, enlarged, with the boxes of what is attended to."""
     assert imitator.cameras is not None
-    boxes = imitator.cameras.encoders[CAMERA].look(torch.from_numpy(picture)).boxes
+    boxes = imitator.cameras.encoders[CAMERA].look(torch.tensor(picture)).boxes
     factor = _INSET * 2 / len(picture)
     drawn = Image.fromarray(picture).resize((2 * _INSET, 2 * _INSET), Image.Resampling.NEAREST)
-    for box in boxes:
-        ImageDraw.Draw(drawn).rectangle([factor * side for side in box], outline=_BOX, width=4)
+    for left, top, right, bottom in boxes:
+        corners = (factor * left, factor * top, factor * right, factor * bottom)
+        ImageDraw.Draw(drawn).rectangle(corners, outline=_BOX, width=4)
     return np.asarray(drawn)
 
 
