@@ -28,6 +28,7 @@ MODULES = {
     "datasets": "recording and reading datasets, compared with LeRobot",
     "pictures": "recording and decoding the pictures of cameras, compared with LeRobot",
     "fit": "pacnet fit, from the command to the checkpoint",
+    "cameras": "learning and acting with two cameras",
 }
 WITH_LEROBOT = "datasets"
 

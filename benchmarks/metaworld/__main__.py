@@ -24,6 +24,7 @@ from benchmarks.metaworld.results import Cell, Result, Results
 from benchmarks.metaworld.simulation import World, is_installed
 
 FOLDER = Path("runs/metaworld")
+CAMERA = "--camera"
 EPILOG = """Tasks of the set `held-out` are for reports alone: tune on `development`. Ctrl-C loses
 at most the cell that is being measured; the same command goes on from there. Several commands may
 run at a time in one folder, on different tasks."""
@@ -71,9 +72,11 @@ def parse_arguments(arguments: Sequence[str] | None = None) -> Arguments:
     add("--noise", type=float, default=0.0, help="of perceived places, at each step [m] (0)")
     add("--units", type=float, default=1.0, help="of percepts per metre; 1000: millimetres (1)")
     add("--turn", type=float, default=0.0, help="of the percepts' axes about z [degrees] (0)")
+    add(CAMERA, action="store_true", help=f"see by a camera: see {CAMERA} --help")
     add("--again", action="store_true", help="measure anew what was measured before")
     add("--write", action="store_true", help="also write all results of the folder into docs/")
     parsed = vars(parser.parse_args(arguments))
+    del parsed["camera"]  # handled before
     view = View(*(parsed.pop(name) for name in ("noise", "units", "turn")))
     checked = Arguments(**parsed, view=view)
     _check(checked, parser)
@@ -138,6 +141,10 @@ def asked_for(arguments: Arguments, found: Mapping[Cell, Result]) -> dict[Cell, 
 
 def main() -> int:
     """Measure, print and write."""
+    if CAMERA in sys.argv[1:]:
+        from benchmarks.metaworld.camera import command  # which has options of its own
+
+        return command.main()
     arguments = parse_arguments()
     if not is_installed():
         sys.exit("expected Metaworld to be installed: `make metaworld` does it, in .venv-metaworld")

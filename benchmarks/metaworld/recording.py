@@ -9,7 +9,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from benchmarks.metaworld.features import (
     landmarks_of,
     percept_of,
 )
-from benchmarks.metaworld.simulation import FPS, HORIZON, World
+from benchmarks.metaworld.simulation import FPS, HORIZON
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.datasets.recorder import Recorder
 
@@ -37,6 +37,24 @@ class ExpertFailsError(Exception):
     """A scripted expert succeeds too rarely to demonstrate its task."""
 
 
+class Demonstrated(Protocol):
+    """What an expert needs of a `World`."""
+
+    task: str
+
+    def reset(self, seed: int) -> Array:
+        """Start an episode; return its first observation `[39]`."""
+        ...
+
+    def step(self, action: Array) -> tuple[Array, bool]:
+        """Take a step; return the observation `[39]` and success."""
+        ...
+
+    def expert(self, observation: Array) -> Array:
+        """Return the scripted expert's action `[4]`."""
+        ...
+
+
 class Shown(NamedTuple):
     """One successful episode of an expert."""
 
@@ -46,7 +64,7 @@ class Shown(NamedTuple):
     """`[T, 4]`, as executed."""
 
 
-def demonstrations_of(world: World, draw: int, folder: Path) -> Path:
+def demonstrations_of(world: Demonstrated, draw: int, folder: Path) -> Path:
     """Return the dataset of a draw of a task; it is recorded where it is missing.
 
     Args:
@@ -84,7 +102,7 @@ def load(root: Path, number: int) -> Demonstrations:
     return load_demonstrations(root, episodes=range(number))
 
 
-def successes(world: World, first_seed: int, number: int = NUMBER) -> Iterator[Shown]:
+def successes(world: Demonstrated, first_seed: int, number: int = NUMBER) -> Iterator[Shown]:
     """Yield successful episodes of an expert, of successive seeds.
 
     Raises:
@@ -103,7 +121,7 @@ def successes(world: World, first_seed: int, number: int = NUMBER) -> Iterator[S
             raise ExpertFailsError(f"{world.task}: its expert succeeded in {found} of {tried}")
 
 
-def demonstrate(world: World, seed: int) -> Shown | None:
+def demonstrate(world: Demonstrated, seed: int) -> Shown | None:
     """Return one episode of the expert, until `AFTER` frames after success; None if it fails."""
     random, observation = np.random.default_rng(seed), world.reset(seed)
     observations, actions, left = [], [], None

@@ -26,6 +26,8 @@ class Cell:
         demonstrations: how many.
         learner: out of `LEARNERS`.
         view: how places are perceived.
+        sight: what is different in the pictures that a camera takes, out of `camera.SIGHTS`; '' for
+            nothing, and without a camera.
     """
 
     task: str
@@ -33,12 +35,14 @@ class Cell:
     demonstrations: int
     learner: str
     view: View = field(default_factory=View)
+    sight: str = ""
 
     @property
     def file(self) -> str:
         """Name of its file."""
         seen = str(self.view).replace(", ", "-").replace(" ", "")
-        parts = (self.task, str(self.draw), str(self.demonstrations), self.learner, seen)
+        numbers = str(self.draw), str(self.demonstrations)
+        parts = (self.task, *numbers, self.learner, seen, self.sight)
         return "-".join(part for part in parts if part) + ".json"
 
 
@@ -54,6 +58,12 @@ class Result(NamedTuple):
     """Time to learn all demonstrations [s]."""
     step_us: float
     """Median time of a step of the learner [µs]."""
+    first_held: list[int] | None = None
+    """With a camera, the first step without an action of each episode; 0 for none."""
+    reached: list[int] | None = None
+    """With a camera, the first step with the hand where the object was at first; 0 for none."""
+    note: str = ""
+    """What a learner tells of what it learned."""
 
     @property
     def success(self) -> float:

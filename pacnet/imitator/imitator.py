@@ -255,12 +255,11 @@ class Imitator(ImitatorState):
     def _see(self, pictures: object) -> Seen:
         """Return what the cameras tell in this episode by now."""
         assert self.cameras is not None
-        checked = self.cameras.checked(pictures)
         with self.state_lock:
-            if self._sight is None:
-                self._sight = self.cameras.begin()
-            sight = self._sight
-        return sight(checked)
+            sight = self._sight or self.cameras.begin()
+        seen = sight.last or sight(self.cameras.checked(pictures))
+        self._sight = sight
+        return seen
 
     def _hands(self, demonstrations: Demonstrations) -> Hands:
         """Return where the hand is in each demonstration, or its posture; none without cameras."""
@@ -346,8 +345,10 @@ class Imitator(ImitatorState):
         with torch.inference_mode(False):
             shown = self._latest().shown
             percept = shown.percepts[0] if len(shown.percepts) else np.zeros_like(self._scale)
+            percept = (percept / self._scale)[: self.config.perceived_dimensions]
+            pictures = None if self.cameras is None else self.cameras.pictures_shown()
             for _ in range(2):  # the second is compared with the first
-                self.step(percept / self._scale)
+                self.step(percept, pictures)
         self.reset(task)
 
     def reset(self, task: str | None = None) -> None:

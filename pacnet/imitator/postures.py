@@ -84,14 +84,12 @@ def warp(
         goals: what they tell, `[G · S]`.
         config: of the imitator.
     """
-    encoder = next(iter(cameras.encoders.values()))
-    numbers = encoder.shown.live("demonstration").numpy()
-    known = steps_of(encoder.shown.live("goals").numpy())
+    numbers, told = cameras.goals_shown()
     ends = np.r_[numbers[1:], len(shown.frames)]
     episodes = [
         (int(shown.first[a]), int(shown.first[b])) for a, b in zip(numbers, ends, strict=True)
     ]
-    apart = steps_of(goals) - known
+    apart = steps_of(goals) - steps_of(told)
     unit, follows = 1 / np.array(config.scaling.scale), np.array(config.follows, np.int64)
     moved = warped(shown, episodes, apart, SHARES, unit, follows, config.follows_after)
     usable = np.flatnonzero(allowed[numbers])

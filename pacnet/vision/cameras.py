@@ -38,6 +38,7 @@ class Cameras(nn.Module):
         super().__init__()
         self.config = config
         self.parts = nn.ModuleList(ImageEncoder(one) for one in config.encoders)
+        self._cache: tuple[NDArray[np.int64], NDArray[np.float32]] | None = None
         check_on_load(self)
 
     @property
@@ -55,6 +56,15 @@ class Cameras(nn.Module):
         """Return what looks at the pictures of an episode that begins, as it is known now."""
         encoders = [*snapshot_of(self).encoders.values()]
         return Sight(encoders, self.config.at_once, self.config.until)
+
+    def pictures_shown(self) -> dict[str, NDArray[np.uint8]]:
+        """Return some picture of each camera, `[h, w, 3]`; a black one if none was shown."""
+        pictures = {}
+        for feature, encoder in self.encoders.items():
+            shown, config = encoder.shown.live("picture"), encoder.config
+            black = np.zeros((config.height, config.width, 3), np.uint8)
+            pictures[feature] = shown[0].numpy() if len(shown) else black
+        return pictures
 
     def checked(self, pictures: object) -> list[NDArray[np.uint8]]:
         """Return one reduced picture `[h, w, 3]` of each camera.
@@ -88,7 +98,8 @@ class Cameras(nn.Module):
     def with_goals(self, demonstrations: Demonstrations, hands: Hands) -> Demonstrations:
         """Return demonstrations whose percepts end with where the hand will be.
 
-        A whole episode says so itself. In one that begins in the middle the pictures tell.
+        That is what their first pictures tell, so that they are related to goals as acting is: an
+        error of what is told is the same in both. An episode without pictures says it itself.
 
         Args:
             demonstrations: whole episodes, or parts of them with pictures.
@@ -100,11 +111,21 @@ class Cameras(nn.Module):
         episodes = []
         for shown, hand in zip(demonstrations, hands, strict=True):
             if shown.first_frame == 0:
-                goals = np.tile(goals_of(hand, demonstrations.fps), (len(hand), 1))
+                goals = np.tile(self._goals_of(shown, hand, demonstrations.fps), (len(hand), 1))
             else:
                 goals = self._goals_seen(shown)
             episodes.append(replace(shown, encoded=torch.from_numpy(goals)))
         return self._named(demonstrations, episodes)
+
+    def _goals_of(
+        self, shown: Demonstration, hand: NDArray[np.floating], fps: float
+    ) -> NDArray[np.float32]:
+        """Return the goals that the first pictures of a whole episode tell, or else it itself."""
+        if not {*self.features} <= {*shown.pictures}:
+            return goals_of(hand, fps)
+        pictures = [pictures_of(shown.pictures[name], fps)[0] for name in self.features]
+        seen = self.begin()([picture.numpy() for picture in pictures])
+        return seen.goals if seen.doubt <= 1 else goals_of(hand, fps)
 
     def seen(self, demonstrations: Demonstrations) -> Demonstrations:
         """Return demonstrations whose percepts end with what their pictures tell, as while acting.
@@ -127,11 +148,11 @@ class Cameras(nn.Module):
             ValueError: it has no pictures of a camera.
         """
         try:
-            sight, pictures = self.begin(), shown.pictures
-            return [
-                sight(self.checked({name: frames[frame] for name, frames in pictures.items()}))
-                for frame in range(len(shown.state))
-            ]
+            sight, pictures, seen = self.begin(), shown.pictures, []
+            for frame in range(len(shown.state)):
+                now = {name: frames[frame] for name, frames in pictures.items()}
+                seen.append(sight.last or sight(self.checked(now)))
+            return seen
         except ValueError as error:
             raise ValueError(f"episode {shown.episode}: {error}") from None
 
@@ -153,14 +174,13 @@ class Cameras(nn.Module):
         )
 
     def add(self, demonstrations: Demonstrations, hands: Hands, numbers: Sequence[int]) -> None:
-        """Learn from the beginnings of whole episodes with pictures where things are.
+        """Keep the beginnings of whole episodes with pictures; nothing is fitted again.
 
         Args:
             demonstrations: some.
             hands: where the hand is in them.
             numbers: of the demonstrations, ascending; if the first is 0, all are new.
         """
-        before = [encoder.shown_state() for encoder in self.encoders.values()]
         if 0 in numbers:
             for encoder in self.encoders.values():
                 encoder.forget()
@@ -171,9 +191,22 @@ class Cameras(nn.Module):
             for feature, encoder in self.encoders.items():
                 pictures = pictures_of(shown.pictures[feature], demonstrations.fps)
                 encoder.add(*pictures, goals, number)
-        for encoder, old in zip(self.encoders.values(), before, strict=True):
-            if not encoder.has_shown(old):
-                encoder.refit()
+
+    def goals_shown(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Return the numbers of the demonstrations shown `[E]`, and what is told of them `[E, m]`.
+
+        It is what their first pictures tell, or what they were where these are doubtful.
+        """
+        first, *_ = encoders = [*self.encoders.values()]
+        numbers = first.shown.live("demonstration").numpy().copy()
+        if self._cache is None or not np.array_equal(self._cache[0], numbers):
+            goals = first.shown.live("goals").numpy().copy()
+            for row in range(len(numbers)):
+                pictures = [encoder.shown.live("picture")[row].numpy() for encoder in encoders]
+                seen = self.begin()(pictures)
+                goals[row] = seen.goals if seen.doubt <= 1 else goals[row]
+            self._cache = numbers, goals
+        return self._cache
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""

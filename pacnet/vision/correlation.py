@@ -47,7 +47,7 @@ def contrast(pictures: Tensor, size: int) -> Tensor:
 
 
 def patches_at(picture: Tensor, corners: list[tuple[int, int]], size: int) -> Tensor:
-    """Return patches of a picture `[3, h, w]`, less their mean and of norm 1, `[K, 3, size, size]`.
+    """Return patches of a picture `[3, h, w]`, less their mean, `[K, 3, size, size]`.
 
     Args:
         picture: from which they are cut.
@@ -56,14 +56,19 @@ def patches_at(picture: Tensor, corners: list[tuple[int, int]], size: int) -> Te
     """
     parts = [picture[:, row : row + size, column : column + size] for row, column in corners]
     patches = torch.stack(parts)
-    patches = patches - patches.mean(dim=(2, 3), keepdim=True)
-    norm = torch.linalg.vector_norm(patches, dim=(1, 2, 3), keepdim=True)
-    return patches / norm.clamp(min=_LEAST**0.5)
+    return patches - patches.mean(dim=(2, 3), keepdim=True)
+
+
+def norms_of(patches: Tensor) -> Tensor:
+    """Return the norm of each patch, `[K, 1, 1, 1]`, at least that of one without contrast."""
+    norms = torch.linalg.vector_norm(patches, dim=(1, 2, 3), keepdim=True)
+    return norms.clamp(min=_LEAST**0.5)
 
 
 def find(pictures: Tensor, patches: Tensor) -> Found:
-    """Find patches `[K, 3, size, size]` in pictures `[N, 3, h, w]`."""
-    found = [_find(part, patches) for part in pictures.split(_AT_ONCE)]
+    """Find patches `[K, 3, size, size]`, less their mean, in pictures `[N, 3, h, w]`."""
+    units = patches / norms_of(patches)
+    found = [_find(part, units) for part in pictures.split(_AT_ONCE)]
     return Found(*map(torch.cat, zip(*found, strict=True)))
 
 

@@ -31,6 +31,8 @@ class Look(NamedTuple):
     """How unlike what was shown the picture is where it matters; above 1 it is new."""
     boxes: tuple[tuple[float, float, float, float], ...]
     """Left, top, right and bottom [pixels] of what is attended to; none without patches."""
+    shift: Tensor | None = None
+    """By how many pixels the camera was nudged down and right, `[2]`; None where nothing says."""
 
 
 class ImageEncoder(nn.Module):
@@ -81,7 +83,7 @@ class ImageEncoder(nn.Module):
 
     @torch.no_grad()
     def add(self, picture: Tensor, later: Tensor, goals: Tensor, demonstration: int) -> None:
-        """Keep the picture at the beginning of a demonstration; `refit` makes use of it.
+        """Keep the picture at the beginning of a demonstration; `fit` makes use of it.
 
         Args:
             picture: uint8 `[h, w, 3]`.
@@ -93,19 +95,11 @@ class ImageEncoder(nn.Module):
         self.shown.append(row)
 
     def forget(self) -> None:
-        """Forget which demonstrations were shown; what was fitted to them stays until `refit`."""
+        """Forget which demonstrations were shown; what was fitted to them stays."""
         self.shown.select(torch.empty(0, dtype=torch.int64))
 
-    def shown_state(self) -> dict[str, Tensor]:
-        """Return a copy of what was shown."""
-        return self.shown.state_dict()
-
-    def has_shown(self, state: Mapping[str, Tensor]) -> bool:
-        """Return whether just this was shown; see `shown_state`."""
-        return all(torch.equal(self.shown.live(name), column) for name, column in state.items())
-
     @torch.no_grad()
-    def refit(self) -> None:
+    def fit(self) -> None:
         """Fit to the demonstrations shown; fewer than three tell nothing but their mean."""
         rows = torch.linspace(0, len(self.shown) - 1, min(_MOST, len(self.shown))).round().long()
         goals = self.shown.live("goals")[rows].double()
@@ -127,13 +121,20 @@ class ImageEncoder(nn.Module):
         return backbone_of(self.config)(pictures)
 
     @torch.no_grad()
-    def look(self, picture: Tensor) -> Look:
-        """Return what one picture tells, uint8 `[h, w, 3]`."""
+    def look(self, picture: Tensor, shift: Tensor | None = None) -> Look:
+        """Return what one picture tells.
+
+        Args:
+            picture: uint8 `[h, w, 3]`.
+            shift: by how much the camera was nudged, from an earlier look; None to find out.
+        """
         if self.seen is None or len(self.readout.terms) == 0:
             return Look(self.readout.centre.clone(), 0.0, ())
-        shown = picture if isinstance(self.seen, Patches) else self._features(picture[None])[0]
-        features, doubt, boxes = self.seen.describe(shown)
-        return Look(self.readout(features), doubt, boxes)
+        if isinstance(self.seen, Patches):
+            features, doubt, boxes, shift = self.seen.describe(picture, shift)
+        else:
+            features, doubt, boxes, shift = self.seen.describe(self._features(picture[None])[0])
+        return Look(self.readout(features), doubt, boxes, shift)
 
     def forward(self, picture: Tensor, state: Tensor) -> tuple[Tensor, float, tuple]:
         """Return the way from where the hand is to each goal `[m]`, the doubt and the boxes.
@@ -142,7 +143,7 @@ class ImageEncoder(nn.Module):
             picture: uint8 `[h, w, 3]`.
             state: where the hand is, `[S]`.
         """
-        goals, doubt, boxes = self.look(picture)
+        goals, doubt, boxes, _ = self.look(picture)
         return goals - state.repeat(len(SHARES)), doubt, boxes
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:

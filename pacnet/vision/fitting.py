@@ -159,7 +159,7 @@ def _fitted(
     )
     for number, pictures, hand in shown:
         encoder.add(*pictures_of(pictures, fps), torch.from_numpy(goals_of(hand, fps)), number)
-    encoder.refit()
+    encoder.fit()
     return encoder
 
 

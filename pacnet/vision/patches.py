@@ -16,7 +16,8 @@ from torch.nn import functional
 
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.core.integrity import check_conditions, check_on_load, check_structure
-from pacnet.vision.correlation import Found, as_tensor, contrast, find, patches_at
+from pacnet.vision.correlation import Found, as_tensor, contrast, find, norms_of, patches_at
+from pacnet.vision.reference import Reference
 from pacnet.vision.regression import Choice, choose
 
 CANDIDATES = 160  # patches that are tried
@@ -25,12 +26,13 @@ _MOST = 3  # patches that are kept
 _UNLIKE = 0.02  # what a correlation of 0 adds to the error
 _DISTINCT = 0.3  # margin from which another place is out of the question
 _AMBIGUOUS = 0.5  # what a margin of nothing adds to the error, in shares of `_DISTINCT`
+_LARGER = 4  # pixels, by which a patch of the reference is larger
 _MOVED = 2.0  # pixels
 _RESTLESS = 0.5  # what it adds to the error that a patch is elsewhere in all later pictures
 _BEYOND = 0.5  # of the range of a patch's places: how far beyond it is looked for
 _PIXELS = 3.0  # and so many more
 _MARGIN, _FEW = 0.9, 8  # as of the detector of novelty: of N demonstrations, _FEW / N of it
-_LEAST_UNLIKE = 0.03  # 1 − correlation that pictures differ by at least
+_NOISE = 10 / 255  # standard deviation of a camera's noise, which is nothing new
 
 
 class Description(NamedTuple):
@@ -42,6 +44,8 @@ class Description(NamedTuple):
     """How unlike what was shown it is; above 1 it is new."""
     boxes: tuple[tuple[float, float, float, float], ...]
     """Left, top, right and bottom [pixels] of what is attended to."""
+    shift: Tensor | None = None
+    """By how many pixels the camera was nudged down and right, `[2]`; None where nothing says."""
 
 
 class Patches(nn.Module):
@@ -63,6 +67,7 @@ class Patches(nn.Module):
                 "worst": Column((), torch.float32),
             }
         )
+        self.reference = Reference(size + _LARGER)
         check_on_load(self)
 
     def fit(self, pictures: Tensor, later: Tensor, goals: Tensor) -> tuple[Tensor, Choice]:
@@ -76,7 +81,9 @@ class Patches(nn.Module):
         """
         seen = as_tensor(pictures)
         patches = _candidates(seen, self.size)
-        found, again = find(seen, patches), find(as_tensor(later), patches)
+        seen_later = as_tensor(later)
+        self.reference.fit(seen, seen_later)
+        found, again = find(seen, patches), find(seen_later, patches)
         moved = (again.places - found.places).norm(dim=2) > _MOVED
         places = found.places.double() / max(seen.shape[2:])
         unlike = _UNLIKE * (1 - found.scores.min(dim=0).values)
@@ -94,14 +101,20 @@ class Patches(nn.Module):
         lowest, highest = places.amin(dim=0), places.amax(dim=0)
         beyond = _BEYOND * (highest - lowest) + _PIXELS
         few = min(1.0, _FEW / len(places))
-        worst = unlike.amax(dim=0).clamp(min=_LEAST_UNLIKE) * (1 + _MARGIN * few)
+        worst = unlike.amax(dim=0) * (1 + _MARGIN * few) + _by_noise(patches[chosen])
         rows = {"patch": patches[chosen], "low": lowest - beyond, "high": highest + beyond}
         self.rows.replace({**rows, "worst": worst})
 
-    def describe(self, picture: Tensor) -> Description:
-        """Return what is seen in one picture, uint8 `[h, w, 3]`."""
+    def describe(self, picture: Tensor, shift: Tensor | None = None) -> Description:
+        """Return what is seen in one picture, uint8 `[h, w, 3]`.
+
+        Args:
+            picture: that is looked at.
+            shift: by how much the camera was nudged, from an earlier description; None to find out.
+        """
         seen = as_tensor(picture[None])
-        low, high = self.rows.live("low"), self.rows.live("high")
+        shift = self.reference.shift(seen) if shift is None else shift
+        low, high = self.rows.live("low") + shift, self.rows.live("high") + shift
         places, scores = [], []
         for number, patch in enumerate(self.rows.live("patch")):
             part, corner = self._part(seen, low[number], high[number])
@@ -113,7 +126,8 @@ class Patches(nn.Module):
         boxes = tuple(
             (column, row, column + self.size, row + self.size) for row, column in place.tolist()
         )
-        return Description(place.double().flatten() / max(seen.shape[2:]), doubt, boxes)
+        place = place - shift
+        return Description(place.double().flatten() / max(seen.shape[2:]), doubt, boxes, shift)
 
     def _part(self, seen: Tensor, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor]:
         """Return the part of pictures `[1, 3, h, w]` in which a patch may be, and its corner."""
@@ -135,6 +149,13 @@ class Patches(nn.Module):
                 f"at most {_MOST} patches": len(worst) <= _MOST,
             }
         )
+
+
+def _by_noise(patches: Tensor) -> Tensor:
+    """Return how unlike patches `[K, 3, size, size]` become by noise, 1 − correlation, `[K]`."""
+    norms = norms_of(patches).flatten()
+    noise = _NOISE * patches[0].numel() ** 0.5
+    return 1 - norms / (norms.square() + noise**2).sqrt()
 
 
 def _candidates(pictures: Tensor, size: int) -> Tensor:

@@ -21,7 +21,7 @@ from pacnet.vision.regression import Choice, choose_first
 SIDE = 16  # pixels of the small pictures
 _MOST = 6  # components that are tried
 _MARGIN, _FEW = 0.9, 8  # as of patches
-_LEAST = 1e-3  # share of the variance that is unexplained at least
+_NOISE = 2 / 255  # by which features differ at least, for no reason
 _NOTHING = 1e-9  # of the largest eigenvalue: less is rounding
 
 
@@ -105,5 +105,4 @@ def _unexplained(features: Tensor) -> Tensor:
         others = torch.cat([features[:number], features[number + 1 :]])
         components, own = _components(others), features[number] - others.mean(dim=0)
         left.append((own - (components @ own) @ components).square().mean())
-    spread = (features - features.mean(dim=0)).square().mean()
-    return torch.stack(left).clamp(min=float(_LEAST * spread) + 1e-12)
+    return torch.stack(left).clamp(min=_NOISE**2)

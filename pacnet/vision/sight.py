@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from pacnet.vision.encoder import ImageEncoder, Look
 from pacnet.vision.goals import SHARES
@@ -45,17 +46,23 @@ class Sight:
         self._encoders, self._until, self._frames = encoders, until, 0
         self._certain = [deque[NDArray[np.float32]](maxlen=at_once) for _ in encoders]
         self._doubts = [deque[float](maxlen=at_once) for _ in encoders]
+        self._shifts: list[Tensor | None] = [None] * len(encoders)
         self._last: Seen | None = None
         self._shares = _shares_of(encoders)
 
+    @property
+    def last(self) -> Seen | None:
+        """What was seen last, once the hand may be in the way; None before: look."""
+        return self._last if self._frames > self._until else None
+
     def __call__(self, pictures: Sequence[NDArray[np.uint8]]) -> Seen:
         """Return what is seen now, from one reduced picture `[h, w, 3]` of each camera."""
-        if self._last is not None and self._frames > self._until:
-            return self._last
         looks = [
-            encoder.look(torch.from_numpy(np.ascontiguousarray(picture)))
-            for encoder, picture in zip(self._encoders, pictures, strict=True)
+            encoder.look(torch.from_numpy(np.ascontiguousarray(picture)), shift)
+            for encoder, picture, shift in zip(self._encoders, pictures, self._shifts, strict=True)
         ]
+        # A camera may be nudged while nothing is certain.
+        self._shifts = [look.shift if look.doubt <= _CERTAIN else None for look in looks]
         goals = np.stack([self._take(*one) for one in enumerate(looks)])
         doubts = [float(np.median(own)) for own in self._doubts]
         camera = int(np.argmax(doubts))

@@ -3,6 +3,8 @@
 import numpy as np
 import torch
 
+from benchmarks.metaworld.camera.projection import Pinhole
+from benchmarks.metaworld.camera.world import SIDE, Picture
 from benchmarks.metaworld.features import ACTION, STATE, Array, environment_names
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 
@@ -61,3 +63,34 @@ class ToyWorld:
         self.hand = self.hand + 0.01 * np.clip(action[:3], -1, 1)
         near = np.linalg.norm(self.hand - self.thing) < 0.01
         return observation(self.hand, self.thing, self.goal), bool(near)
+
+
+class SeenToyWorld(ToyWorld):
+    """The same seen from above, 40 × 40 cm of it: the nearer to the object, the brighter."""
+
+    def __init__(self, task: str = "reach", *, absent: bool = False) -> None:
+        self.task, self.absent, self.taken = task, absent, 0
+
+    @property
+    def camera(self) -> Pinhole:
+        """A camera that looks down from 1 m above."""
+        fovy = float(2 * np.degrees(np.arctan(0.2)))
+        return Pinhole(np.array([0.0, 0.0, 1.0]), np.eye(3), fovy, SIDE)
+
+    def picture(self) -> Picture:
+        """Return what is seen."""
+        self.taken += 1
+        seen = np.zeros((SIDE, SIDE, 3), np.uint8)
+        if not self.absent:
+            row, column = np.round((0.5 + self.thing[:2] / 0.4) * (SIDE - 1))
+            rows, columns = np.ogrid[:SIDE, :SIDE]
+            apart = np.hypot(rows - row, columns - column)
+            seen[:] = np.clip(200 - 2 * apart, 0, None)[..., None]
+        return seen
+
+    def expert(self, seen: Array) -> Array:
+        """Return the way to the object."""
+        return np.append(GAIN * (seen[4:7] - seen[:3]), -1.0)
+
+    def close(self) -> None:
+        """Do nothing."""
