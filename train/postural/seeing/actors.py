@@ -85,7 +85,7 @@ class Nearest:
 
     def __init__(self, shown: Sequence[Demonstration], environment: PosturalImitationEnv) -> None:
         states = np.concatenate([one.state.numpy() for one in shown])
-        self._scale = np.float32(SCALE[: states.shape[1]])
+        self._scale = np.array(SCALE[: states.shape[1]], np.float32)
         self._states = states * self._scale
         self._firsts = np.stack([coarse(one.pictures[CAMERA][0]) for one in shown])
         spread = max(float(self._firsts.var(axis=0).sum()), 1e-9)
