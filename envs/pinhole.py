@@ -3,6 +3,8 @@
 import numpy as np
 from dm_control import mujoco
 
+NEAREST = 0.05  # [m] from the camera, of what is seen
+
 
 class Pinhole:
     """A perspective camera and a picture of a given size.
@@ -22,9 +24,28 @@ class Pinhole:
         self._centre = np.array([width / 2, height / 2])
         self._size = (height, width)
 
+    @property
+    def heading(self) -> np.ndarray:
+        """Return where it looks `[3]`, a horizontal unit vector."""
+        forwards = self._axes[:, 2] * (-1.0, -1.0, 0.0)
+        return forwards / np.linalg.norm(forwards)
+
     def depth(self, points: np.ndarray) -> np.ndarray:
         """Return the distances `[N]` [m] of points `[N, 3]` along the line of sight."""
         return -(points - self.position) @ self._axes[:, 2]
+
+    def sees(self, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+        """Return which balls may be in the picture, bool `[N]`: none that is not is left out.
+
+        Args:
+            centres: Of the balls `[N, 3]` [m].
+            radii: Of the balls `[N]` [m].
+        """
+        seen = (centres - self.position) @ self._axes
+        slopes = self._centre / self._focal  # of the picture's sides and of its top and bottom
+        beyond = np.abs(seen[:, :2]) + seen[:, 2:] * slopes  # of a side, times a cosine
+        near = beyond <= radii[:, None] * np.hypot(1.0, slopes)
+        return (seen[:, 2] < radii - NEAREST) & near.all(axis=1)
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Return pixels `[N, 2]`, column and row, of points `[N, 3]` [m] in front of the camera."""

@@ -17,6 +17,7 @@ from envs.account import account
 from envs.behaviours import BEHAVIOURS, PHASES, REST_POSTURE
 from envs.demonstrator import Demonstration, plan_demonstration
 from envs.drawing import draw_scene
+from envs.head_camera import SIZE, camera_of
 from envs.humanoid import JOINTS
 from envs.kinematics import BodyKinematics
 from envs.own_glass import own_glass_pose
@@ -237,8 +238,7 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         Raises:
             ValueError: `who` is neither.
         """
-        if who not in WHO:
-            raise ValueError(f"who must be one of {WHO}, got {who!r}")
+        check_choice("who", who, WHO)
         self._physics.release(WHO.index(who))
 
     def render(self) -> np.ndarray | None:
@@ -259,6 +259,25 @@ class PosturalImitationEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             except Exception:  # each backend raises its own kind
                 self.draws_with_gl = False
         return draw_scene(self._physics, *self._size)
+
+    def look(self, who: str = IMITATOR) -> np.ndarray:
+        """Draw what a camera beside a body's head sees, without OpenGL: see `envs.head_camera`.
+
+        The same state gives the same bytes, whatever the render mode.
+
+        Args:
+            who: "demonstrator" or "imitator".
+
+        Returns:
+            A picture `[128, 128, 3]` uint8.
+
+        Raises:
+            ValueError: `who` is neither.
+            ResetNeeded: The environment was never reset.
+        """
+        _ = self._plan  # raises before reset
+        check_choice("who", who, WHO)
+        return draw_scene(self._physics, SIZE, SIZE, camera_of(who))
 
     def close(self) -> None:
         """Free the simulation and its OpenGL context."""

@@ -8,6 +8,7 @@ import numpy as np
 from dm_control import mjcf
 
 from envs import humanoid
+from envs.head_camera import add_head_camera
 from envs.humanoid import Element
 
 DEMONSTRATOR, IMITATOR = "demonstrator", "imitator"
@@ -64,6 +65,7 @@ def build_scene() -> Element:
         _add_seat(scene, who, side)
         body = humanoid.build_humanoid(who, SHIRTS[who], SKINS[who])
         _place(scene, who, side).attach(body)
+        _add_head_camera(scene, who, side)
         _add_glass(scene, who, side)
         _add_grip(scene, who, body)
     _add_actuators(scene)
@@ -186,6 +188,12 @@ def _place(scene: Element, who: str, side: float) -> Element:
         pos=(side * ROOT_DISTANCE / 2, 0, ROOT_HEIGHT),
         quat=quat,
     )
+
+
+def _add_head_camera(scene: Element, who: str, side: float) -> None:
+    """Add the camera beside a body's head."""
+    origin = np.array((side * ROOT_DISTANCE / 2, 0.0, ROOT_HEIGHT))
+    add_head_camera(scene, who, origin, np.array((-side, -side, 1.0)))
 
 
 def _add_glass(scene: Element, who: str, side: float) -> None:

@@ -13,6 +13,7 @@ from train.common.expected_findings import expect_findings
 from train.postural import learning
 from train.postural.babbling import recording
 from train.postural.retraining.replicates import Replicate, record
+from train.postural.seeing import watching
 
 SEED = 11
 DRAWN = Replicate(SEED, (None, "tremor", None, "miss", None, None, None, "interrupted", None, None))
@@ -20,6 +21,7 @@ DRAWN = Replicate(SEED, (None, "tremor", None, "miss", None, None, None, "interr
 RECORDED: dict[str, Callable[[Path], object]] = {
     "postural_imitation": lambda folder: learning.record(folder, SEED, 8),
     "demonstrate": lambda folder: learning.record(folder, SEED, 8, "move", "move it"),
+    "demonstrate --camera": lambda folder: watching.record(folder, SEED, 4),
     "behaviours": lambda folder: behaviours.record(folder, SEED, 4),
     "schema_network": lambda folder: schema_network.demonstrate(SEED, folder),
     "retraining": lambda folder: record(DRAWN, folder),

@@ -59,12 +59,23 @@ def positive(text: str) -> int:
 
 def factor(text: str) -> float:
     """Parse a number from 0.1 to 10."""
-    return _number(text, 0.1, 10.0, "a number from 0.1 to 10")
+    return number(text, 0.1, 10.0, "a number from 0.1 to 10")
+
+
+def number(text: str, lowest: float, highest: float, wanted: str) -> float:
+    """Parse a number from `lowest` to `highest`, or say that `wanted` was expected."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not lowest <= value <= highest:
+        raise argparse.ArgumentTypeError(f"expected {wanted}, got '{text}'")
+    return value
 
 
 def threshold(text: str) -> float:
     """Parse a number in (0, 1)."""
-    return _number(text, math.ulp(0.0), 1 - 2**-53, "a number in (0, 1)")
+    return number(text, math.ulp(0.0), 1 - 2**-53, "a number in (0, 1)")
 
 
 def taught_arena(text: str) -> str | int:
@@ -172,14 +183,4 @@ def _integer(text: str, lowest: int) -> int:
         value = lowest - 1
     if value < lowest:
         raise argparse.ArgumentTypeError(f"expected an integer ≥ {lowest}, got '{text}'")
-    return value
-
-
-def _number(text: str, lowest: float, highest: float, wanted: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not lowest <= value <= highest:
-        raise argparse.ArgumentTypeError(f"expected {wanted}, got '{text}'")
     return value

@@ -86,7 +86,12 @@ def recall_seeds(seed: int, count: int) -> list[int]:
 
 
 def watch_demonstration(
-    environment: PosturalImitationEnv, seed: int, mishap: str | None = None
+    environment: PosturalImitationEnv,
+    seed: int,
+    mishap: str | None = None,
+    *,
+    offset: tuple[float, float] = (0.0, 0.0),
+    at_sample: Callable[[], object] = lambda: None,
 ) -> NDArray[np.float32]:
     """Return the percepts `[T, 28]` of an imitator that rests and watches.
 
@@ -94,14 +99,17 @@ def watch_demonstration(
         environment: To watch in.
         seed: Of the demonstration.
         mishap: What goes wrong in it, one of `envs.mishaps.MISHAPS`.
+        offset: Of the glasses from their usual place [m], as of the environment's `reset`.
+        at_sample: Called at each sample.
     """
-    options = {} if mishap is None else {"mishap": mishap}
+    options = {"glass_offset": offset} | ({} if mishap is None else {"mishap": mishap})
     observation, _ = environment.reset(seed=seed, options=options)
-    percepts = [percept(observation)]
-    truncated = False
+    percepts, truncated = [percept(observation)], False
+    at_sample()
     while not truncated:
         observation, _, _, truncated, _ = environment.step_to(environment.rest_posture)
         percepts.append(percept(observation))
+        at_sample()
     return np.stack(percepts)
 
 
