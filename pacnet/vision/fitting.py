@@ -31,7 +31,6 @@ AUTO = "auto"
 _BEGINNING = 0.5  # [s] of an episode, in which looks count as one
 _MOST_AT_ONCE = 15  # looks
 _TELLS = 0.7  # share of the error without a camera that is left by one that helps, at most
-_CLEARLY = 0.8  # of the error of patches: less than that, eigenimages tell more
 _LOOKS = 16  # times in an episode at which it is tried whether the hand is in the way
 _EARLY = 0.2  # share of the demonstrations in which it may be in the way sooner
 _OFF = 3.0  # times the error when left out: farther, what is told is wrong
@@ -130,7 +129,10 @@ def _best(
     encoder: str,
     fps: float,
 ) -> ImageEncoder:
-    """Return the fitted encoder of the kind that tells most."""
+    """Return the fitted encoder of the first kind that tells goals, patches before eigenimages.
+
+    Eigenimages are of all that is in the picture: another light, or the hand, is new to them.
+    """
     kinds = BUILT_IN if encoder == AUTO and len(shown) >= LEAST else (encoder,)
     kinds = (NONE,) if kinds == (AUTO,) else kinds
     fitted = {kind: _fitted(kind, shown, hand_names, fps) for kind in kinds}
@@ -139,10 +141,7 @@ def _best(
     telling = {k: one for k, one in fitted.items() if k != NONE and _tells(one)}
     if not telling:
         return min(fitted.values(), key=lambda one: one.told.chance)
-    errors = {kind: one.told.error for kind, one in telling.items()}
-    if PATCHES in errors and min(errors.values()) > _CLEARLY * errors[PATCHES]:
-        return telling[PATCHES]
-    return telling[min(errors, key=errors.__getitem__)]
+    return next(telling[kind] for kind in BUILT_IN if kind in telling)
 
 
 def _fitted(

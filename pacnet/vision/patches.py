@@ -37,7 +37,7 @@ _AMBIGUOUS = 0.5  # what a margin of nothing adds to the error, in shares of `_D
 _LARGER = 4  # pixels, by which a patch of the reference is larger
 _MOVED = 2.0  # pixels
 _RESTLESS = 0.5  # what it adds to the error that a patch is elsewhere in all later pictures
-_BEYOND = 0.5  # of the range of a patch's places: how far beyond it is looked for
+_BEYOND = 15.0  # ranges of a patch's places, over their number: how far beyond it is looked for
 _PIXELS = 3.0  # and so many more
 _MARGIN, _FEW = 0.9, 8  # as of the detector of novelty: of N demonstrations, _FEW / N of it
 _NOISE = 10 / 255  # standard deviation of a camera's noise, which is nothing new
@@ -107,7 +107,7 @@ class Patches(nn.Module):
         chosen = list(columns)
         places, unlike = found.places[:, chosen], 1 - found.scores[:, chosen]
         lowest, highest = places.amin(dim=0), places.amax(dim=0)
-        beyond = _BEYOND * (highest - lowest) + _PIXELS
+        beyond = _BEYOND / len(places) * (highest - lowest) + _PIXELS
         few = min(1.0, _FEW / len(places))
         worst = unlike.amax(dim=0) * (1 + _MARGIN * few) + _by_noise(patches[chosen])
         rows = {"patch": patches[chosen], "low": lowest - beyond, "high": highest + beyond}

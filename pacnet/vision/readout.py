@@ -9,7 +9,8 @@ from torch import Tensor, nn
 
 from pacnet.core.growable_rows import Column, GrowableRows, copy_on_state_dict
 from pacnet.core.integrity import check_conditions, check_on_load, check_structure
-from pacnet.vision.regression import RIDGES, fit, left_out
+from pacnet.vision.goals import SHARES
+from pacnet.vision.regression import RIDGES, fit, left_out, left_out_of_mean
 
 _BENT = 2  # the first features, whose squares and product are tried
 _ENOUGH = 2  # demonstrations for each number that is fitted, to try them
@@ -66,8 +67,10 @@ class Readout(nn.Module):
             if bent[2].square().mean() < _FALLS * errors.square().mean():
                 terms, ridge, errors = bent
         centre, weights, _ = fit(terms, goals, ridge)
-        self.terms.replace({"mean": centre, "weight": weights})
-        return errors
+        mean_errors = left_out_of_mean(goals)
+        untold = _by_goal(errors) >= _by_goal(mean_errors)  # the mean foretells them as well
+        self.terms.replace({"mean": centre, "weight": weights.masked_fill(untold, 0.0)})
+        return torch.where(untold, mean_errors, errors)
 
     def forward(self, features: Tensor) -> Tensor:
         """Return the goals `[m]` that features `[≥ d]` tell, float32."""
@@ -91,6 +94,12 @@ class Readout(nn.Module):
                 "terms of the features": terms in (features, features + squares),
             }
         )
+
+
+def _by_goal(errors: Tensor) -> Tensor:
+    """Return the mean square error of the goal that each dimension belongs to, `[m]`."""
+    squares = errors.square().mean(dim=0).unflatten(0, (len(SHARES), -1)).mean(dim=1, keepdim=True)
+    return squares.expand(-1, errors.shape[1] // len(SHARES)).flatten()
 
 
 def _squares(terms: Tensor) -> Tensor:

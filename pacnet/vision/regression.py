@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-RIDGES = (1e-3, 1e-2, 1e-1)
+RIDGES = (1e-3, 1e-2)
 PERMUTATIONS = 199
 SIGNIFICANT = 0.05
 """Share of permutations that foretell goals as well, up to which features tell something."""
