@@ -223,7 +223,8 @@ class Imitator(ImitatorState):
         Args:
             percept: `[D]`, an array or a tensor on the CPU, float32; with cameras, without what
                 they tell.
-            pictures: camera -> its picture, uint8 `[H, W, 3]`, of any size; only with cameras.
+            pictures: camera -> its picture, uint8 `[H, W, 3]`, of any size; only with cameras, and
+                while `is_looking`.
 
         Raises:
             ValueError: wrong shape or dtype, not finite, or a camera without a picture; nothing has
@@ -253,6 +254,11 @@ class Imitator(ImitatorState):
         if self.cameras is not None and goals is not None:
             known = self._warp(known, self.cameras, goals)
         return self._step(percept, scaled, known)
+
+    @property
+    def is_looking(self) -> bool:
+        """Whether the next step looks at pictures; later in an episode the hand is in the way."""
+        return self.cameras is not None and (self._sight is None or self._sight.last is None)
 
     def _see(self, pictures: object) -> Seen:
         """Return what the cameras tell in this episode by now."""

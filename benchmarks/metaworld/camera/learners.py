@@ -53,7 +53,7 @@ class Imitating:
     """
 
     def __init__(self, encoder: str | None = "auto") -> None:
-        self.sees, self._encoder = encoder is not None, encoder
+        self._encoder = encoder
 
     def learn(self, demonstrations: Demonstrations) -> None:
         """Make an imitator and let it learn."""
@@ -63,6 +63,11 @@ class Imitating:
         options = {} if self._encoder is None else {"encoder": self._encoder}
         self.imitator = Imitator.from_demonstrations(demonstrations, **options)
         self.imitator.learn(demonstrations)
+
+    @property
+    def sees(self) -> bool:
+        """Whether it looks at pictures at the next step."""
+        return self.imitator.is_looking
 
     @property
     def note(self) -> str:
@@ -80,7 +85,8 @@ class Imitating:
         """Return its action, None where what it perceives is novel."""
         if self.imitator.cameras is None:  # also where no camera helps
             return self.imitator.step(state).action
-        return self.imitator.step(state, pictures={CAMERA: picture}).action
+        pictures = None if picture is None else {CAMERA: picture}
+        return self.imitator.step(state, pictures=pictures).action
 
     def close(self) -> None:
         """Do nothing."""
