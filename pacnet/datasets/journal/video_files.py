@@ -25,6 +25,8 @@ from pacnet.datasets.pictures.image_file import decode_image
 
 # A key frame in every second frame, as LeRobot has it, to read frames in any order.
 _OPTIONS = {"g": "2", "crf": "18"}
+# Of small pictures nothing is averaged away afterwards, and an object of a few pixels is lost.
+_SMALL, _SMALL_OPTIONS = 256, {"g": "2", "crf": "10"}  # pixels of the longer side
 _AV1_OPTIONS = {"g": "2", "crf": "30", "preset": "10"}
 _COUNTED = 100  # frames of an episode, at most, whose shades are counted
 _MEGABYTES = 200  # of a file, where the dataset does not say it
@@ -107,7 +109,9 @@ class VideoFiles(AbstractContextManager["VideoFiles"]):
             os.environ.setdefault("SVT_LOG", "1")  # errors alone
         self._container = self._av.open(f"file:{path}", "w", format="mp4")
         name = "libsvtav1" if self._is_av1 else "libx264"
-        options = _AV1_OPTIONS if self._is_av1 else _OPTIONS
+        small = max(self._picture.height, self._picture.width) <= _SMALL
+        h264 = _SMALL_OPTIONS if small else _OPTIONS
+        options = _AV1_OPTIONS if self._is_av1 else h264
         self._stream = self._container.add_stream(name, self._rate, options)
         self._stream.height, self._stream.width = self._picture.height, self._picture.width
         self._stream.pix_fmt = "yuv420p"
