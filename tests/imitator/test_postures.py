@@ -1,0 +1,142 @@
+"""A robot of joint angles alone: its camera tells a posture, and the way there is warped."""
+
+import numpy as np
+import pytest
+import torch
+
+from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.datasets.format import DatasetWarning
+from pacnet.imitator.imitator import Imitator
+
+TOP = "observation.images.top"
+LENGTHS = np.array([0.5, 0.5])
+REST = np.array([0.4, 0.9])
+FRAMES, FPS = 50, 25  # frames, [1/s]
+
+
+def hand_at(angles):
+    """Where the hand of a planar arm is."""
+    turned = np.cumsum(angles)
+    return np.array([(LENGTHS * np.cos(turned)).sum(), (LENGTHS * np.sin(turned)).sum()])
+
+
+def angles_at(place):
+    """The elbow-up angles that take the hand to a place."""
+    x, y = place
+    cosine = (x * x + y * y - (LENGTHS**2).sum()) / (2 * LENGTHS.prod())
+    elbow = np.arccos(np.clip(cosine, -1, 1))
+    shoulder = np.arctan2(y, x) - np.arctan2(
+        LENGTHS[1] * np.sin(elbow), LENGTHS[0] + LENGTHS[1] * np.cos(elbow)
+    )
+    return np.array([shoulder, elbow])
+
+
+def picture_of(place):
+    """A ball on a floor with structure, from above."""
+    rows, columns = np.mgrid[:80, :96]
+    image = np.stack([90 + rows, 60 + columns, 80 + (rows * columns) % 23], 2).astype(np.uint8)
+    row, column = 70 - 60 * place[1], 10 + 75 * place[0]
+    image[(rows - row) ** 2 + (columns - column) ** 2 < 30] = (250, 220, 40)
+    image[(rows - row - 2) ** 2 + (columns - column) ** 2 < 5] = (20, 20, 160)
+    return image
+
+
+def places(count, seed):
+    return np.random.default_rng(seed).uniform((0.35, 0.3), (0.75, 0.7), (count, 2))
+
+
+def episode(number, place, absolute=True):
+    """From rest to the ball, then still; actions are the angles to go to, or changes of them."""
+    along = np.clip(np.linspace(0, 1.4, FRAMES), 0, 1)[:, None]
+    wanted = REST + along * along * (3 - 2 * along) * (angles_at(place) - REST)
+    state, angles = [], REST.copy()
+    for target in wanted:
+        state.append(angles.copy())
+        angles = angles + 0.6 * (target - angles)
+    action = wanted if absolute else np.gradient(wanted, axis=0)
+    return Demonstration(
+        number,
+        "touch",
+        torch.tensor(np.array(state)).float(),
+        torch.empty(FRAMES, 0),
+        torch.tensor(action).float(),
+        pictures={TOP: np.repeat(picture_of(place)[None], FRAMES, axis=0)},
+    )
+
+
+def demonstrations(count, seed=0, **kinds):
+    joints = ("shoulder.pos", "elbow.pos")
+    shown = tuple(episode(n, place, **kinds) for n, place in enumerate(places(count, seed)))
+    return Demonstrations(FPS, {"observation.state": joints, "action": joints}, shown, "arm")
+
+
+def miss(imitator, place, pictures=True):
+    """How far from the ball the hand ends."""
+    imitator.reset()
+    angles = action = REST.copy()
+    for _ in range(FRAMES + 20):
+        seen = {TOP: picture_of(place)} if pictures else None
+        step = imitator.step(angles.astype(np.float32), seen)
+        action = action if step.action is None else step.action
+        angles = angles + 0.6 * (action - angles)
+    return np.linalg.norm(hand_at(angles) - place)
+
+
+@pytest.fixture(scope="module")
+def imitator():
+    shown = demonstrations(8)
+    made = Imitator.from_demonstrations(shown)
+    made.learn(shown)
+    return made
+
+
+def test_the_hand_gets_to_places_that_were_not_shown(imitator):
+    assert imitator.config.frames is None and not imitator.config.tells_places
+    assert [report.kind for report in imitator.camera_reports] == ["patches"]
+    missed = [miss(imitator, place) for place in places(10, seed=1)]
+    assert np.median(missed) < 0.03  # places are .2 apart on the mean
+    blind = demonstrations(8)
+    alone = Imitator.from_demonstrations(blind, encoder="none")
+    alone.learn(blind)
+    assert np.median([miss(alone, place, False) for place in places(10, seed=1)]) > 0.1
+
+
+def test_an_absent_ball_is_novel_and_nothing_is_done(imitator):
+    imitator.reset()
+    step = imitator.step(REST.astype(np.float32), {TOP: picture_of((-5, -5))})
+    assert step.is_novel
+    assert step.dimension == TOP
+    assert step.action is None
+
+
+def test_a_checkpoint_does_the_same(imitator, tmp_path):
+    imitator.save_pretrained(tmp_path)
+    loaded = Imitator.from_pretrained(tmp_path)
+    for one in (imitator, loaded):
+        one.reset()
+    for place in places(3, seed=2):
+        pictures = {TOP: picture_of(place)}
+        mine, other = (
+            one.step(REST.astype(np.float32), pictures).action for one in (imitator, loaded)
+        )
+        np.testing.assert_array_equal(mine, other)
+
+
+def test_more_demonstrations_are_followed_where_they_are_nearer(imitator):
+    taught = imitator.fork()
+    place = np.array([0.3, 0.75])
+    before = miss(taught, place)
+    more = demonstrations(1)
+    near = Demonstrations(FPS, more.names, (episode(20, place),), "more")
+    taught.learn(near)
+    taught.reset()
+    step = taught.step(REST.astype(np.float32), {TOP: picture_of(place)})
+    assert taught.reports[step.followed[0].demonstration].episode == 20
+    assert miss(taught, place) < before
+
+
+def test_actions_that_are_no_places_leave_the_camera_unused():
+    shown = demonstrations(6, absolute=False)
+    with pytest.warns(DatasetWarning, match="neither places of the robot's state"):
+        made = Imitator.from_demonstrations(shown)
+    assert made.cameras is None
