@@ -28,6 +28,8 @@ REPLAY, NEAREST = "replay of the nearest first picture", "1-NN over all frames"
 ROWS = (OURS, STATE, TOLD, REPLAY, NEAREST)
 COUNTS = (5, 20)  # demonstrations
 
+OTHERS = 20  # episodes of a replicate, at most, of the rows beside ours and the state alone
+
 STANDING = Scene((), radius=RADIUS)
 ABSENT = replace(STANDING, own_glass="absent")
 
@@ -40,7 +42,8 @@ def run_replicates(
     Args:
         folder: Of the run; datasets and imitators go there.
         seeds: Of the replicates.
-        episodes: Number of places, in each of which everybody acts.
+        episodes: Number of places, in each of which ours and the state alone act; the other rows
+            act in the first `OTHERS`.
         body: Model of the own body.
     """
     for seed in seeds:
@@ -85,7 +88,7 @@ def _score(
     """Return the scores of a row."""
     environment = make_environment(Condition())
     actor, seconds = _learned(place, row, count, seed, body, environment)
-    seeds = recall_seeds(seed, episodes)
+    seeds = recall_seeds(seed, episodes if row in (OURS, STATE) else min(episodes, OTHERS))
     done = [act(actor, environment, STANDING, one) for one in seeds]
     scores = {
         "success": _mean(done, lambda one: one.success),
