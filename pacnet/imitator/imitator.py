@@ -280,9 +280,11 @@ class Imitator(ImitatorState):
 
     def _warp(self, known: Known, cameras: Cameras, goals: NDArray[np.float32]) -> Known:
         """Return what is known, with the goals that the cameras tell."""
+        with self.state_lock:  # another thread may be learning
+            told = cameras.goals_shown()
         last = self._warped
-        if last is None or not last.is_of(known.shown, goals):
-            last = warp(known.shown, known.allowed, cameras, goals, self.config)
+        if last is None or not last.is_of(known.shown, known.allowed, told, goals):
+            last = warp(known.shown, known.allowed, told, goals, self.config)
             self._warped = last
         return known._replace(shown=last.shown, allowed=last.nearest)
 

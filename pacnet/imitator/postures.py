@@ -13,7 +13,7 @@ from pacnet.datasets.format import DatasetWarning
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.schemas.demonstration_memory import Shown
 from pacnet.schemas.warping import warped
-from pacnet.vision.cameras import Cameras
+from pacnet.vision.cameras import Cameras, GoalsShown
 from pacnet.vision.fitting import CameraReport, fit_cameras
 from pacnet.vision.goals import SHARES
 from pacnet.vision.sight import steps_of
@@ -28,13 +28,24 @@ class Warped(NamedTuple):
     """`[G · S]`, scaled."""
     before: Shown
     """What they were made of."""
+    allowed: NDArray[np.bool_]
+    """Which of them might be followed, `[E]`."""
+    told: GoalsShown
+    """What their own pictures tell."""
     shown: Shown
     nearest: NDArray[np.bool_]
     """Whether each demonstration is of the episode whose goals are nearest, `[E]`."""
 
-    def is_of(self, shown: Shown, goals: NDArray[np.float32]) -> bool:
-        """Return whether it was made of these demonstrations, and for goals that are as good."""
-        return self.before is shown and bool(np.abs(self.goals - goals).max() <= _SAME)
+    def is_of(
+        self,
+        shown: Shown,
+        allowed: NDArray[np.bool_],
+        told: GoalsShown,
+        goals: NDArray[np.float32],
+    ) -> bool:
+        """Return whether it was made of the same, and for goals that are as good; see `warp`."""
+        same = self.before is shown and self.allowed is allowed and self.told is told
+        return same and bool(np.abs(self.goals - goals).max() <= _SAME)
 
 
 def postures_of(
@@ -71,7 +82,7 @@ def see_postures(
 def warp(
     shown: Shown,
     allowed: NDArray[np.bool_],
-    cameras: Cameras,
+    told: GoalsShown,
     goals: NDArray[np.float32],
     config: ImitatorConfig,
 ) -> Warped:
@@ -80,22 +91,21 @@ def warp(
     Args:
         shown: the demonstrations, whole.
         allowed: which of them may be followed, `[E]`.
-        cameras: which know the goals of each episode that they have seen.
-        goals: what they tell, `[G · S]`.
+        told: the goals of those with pictures; others stay as they are, and are followed where
+            none of these may be. What is not among the demonstrations yet is passed over.
+        goals: what the cameras tell, `[G · S]`.
         config: of the imitator.
     """
-    numbers, told = cameras.goals_shown()
-    ends = np.r_[numbers[1:], len(shown.frames)]
-    episodes = [
-        (int(shown.first[a]), int(shown.first[b])) for a, b in zip(numbers, ends, strict=True)
-    ]
-    apart = steps_of(goals) - steps_of(told)
+    known = told.end <= len(shown.frames)
+    first, end = told.first[known], told.end[known]
+    episodes = [*zip(shown.first[first].tolist(), shown.first[end].tolist(), strict=True)]
+    apart = steps_of(goals) - steps_of(told.goals[known])
     unit, follows = 1 / np.array(config.scaling.scale), np.array(config.follows, np.int64)
     moved = warped(shown, episodes, apart, SHARES, unit, follows, config.follows_after)
-    usable = np.flatnonzero(allowed[numbers])
+    usable = np.flatnonzero(allowed[first])
     nearest = allowed.copy()
     if len(usable):
         best = usable[np.square(apart[usable]).sum(axis=(1, 2)).argmin()]
         nearest[:] = False
-        nearest[numbers[best] : ends[best]] = True
-    return Warped(goals, shown, moved, nearest)
+        nearest[first[best] : end[best]] = True
+    return Warped(goals, shown, allowed, told, moved, nearest)

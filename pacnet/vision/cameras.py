@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pacnet.core.drafts import snapshot_of
+from pacnet.core.drafts import BufferVersions, snapshot_of
 from pacnet.core.integrity import check_on_load, part_of
 from pacnet.datasets.records import Demonstration, Demonstrations
 from pacnet.vision.cameras_config import CAMERAS, CamerasConfig
@@ -22,6 +23,17 @@ _AT_BEGINNING, _BEGINNING = 3, 0.1  # frames, and [s], with which an episode beg
 _ON_THE_WAY = 0.15  # share of an episode
 Hands = Sequence[NDArray[np.floating]]
 """Where the hand is in each demonstration, `[T, S]`."""
+
+
+class GoalsShown(NamedTuple):
+    """What is told of E demonstrations whose pictures were shown."""
+
+    first: NDArray[np.int64]
+    """Number of each one's first part, `[E]`."""
+    end: NDArray[np.int64]
+    """The number after that of its last part, `[E]`."""
+    goals: NDArray[np.float32]
+    """`[E, G · S]`."""
 
 
 class Cameras(nn.Module):
@@ -38,7 +50,7 @@ class Cameras(nn.Module):
         super().__init__()
         self.config = config
         self.parts = nn.ModuleList(ImageEncoder(one) for one in config.encoders)
-        self._cache: tuple[NDArray[np.int64], NDArray[np.float32]] | None = None
+        self._cache: tuple[BufferVersions, GoalsShown] | None = None
         check_on_load(self)
 
     @property
@@ -190,29 +202,40 @@ class Cameras(nn.Module):
             goals = torch.from_numpy(goals_of(hand, demonstrations.fps))
             for feature, encoder in self.encoders.items():
                 pictures = pictures_of(shown.pictures[feature], demonstrations.fps)
-                encoder.add(*pictures, goals, number)
+                encoder.add(*pictures, goals, number, len(shown.gaps) + 1)
 
-    def goals_shown(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """Return the numbers of the demonstrations shown `[E]`, and what is told of them `[E, m]`.
+    def goals_shown(self) -> GoalsShown:
+        """Return what is told of the demonstrations shown; the same object until that changes.
 
         It is what their first pictures tell, or what they were where these are doubtful.
         """
+        if self._cache is None or not self._cache[0].unchanged():
+            self._cache = BufferVersions(self), self._goals_shown()
+        return self._cache[1]
+
+    def _goals_shown(self) -> GoalsShown:
         first, *_ = encoders = [*self.encoders.values()]
         numbers = first.shown.live("demonstration").numpy().copy()
-        if self._cache is None or not np.array_equal(self._cache[0], numbers):
-            goals = first.shown.live("goals").numpy().copy()
-            for row in range(len(numbers)):
-                pictures = [encoder.shown.live("picture")[row].numpy() for encoder in encoders]
-                seen = self.begin()(pictures)
-                goals[row] = seen.goals if seen.doubt <= 1 else goals[row]
-            self._cache = numbers, goals
-        return self._cache
+        goals = first.shown.live("goals").numpy().copy()
+        for row in range(len(numbers)):
+            pictures = [encoder.shown.live("picture")[row].numpy() for encoder in encoders]
+            seen = self.begin()(pictures)
+            goals[row] = seen.goals if seen.doubt <= 1 else goals[row]
+        return GoalsShown(numbers, numbers + first.shown.live("parts").numpy(), goals)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out of copies what they derive anew."""
+        return {**self.__dict__, "_cache": None}
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         for number, encoder in enumerate(self.encoders.values()):
             encoder.check_state(part_of(tensors, f"parts.{number}."))
         known = tuple(f"parts.{number}." for number in range(len(self.features)))
+        for name in ("shown.demonstration", "shown.parts"):
+            first, *others = [tensors[part + name] for part in known]
+            if not all(first.equal(other) for other in others):
+                raise ValueError(f"expected the same {name} of all cameras, got others")
         extra = [name for name in tensors if not name.startswith(known)]
         if extra:
             raise ValueError(f"expected tensors of {len(known)} cameras, got {extra[0]!r} as well")

@@ -19,6 +19,7 @@ from pacnet.vision.readout import Readout
 from pacnet.vision.regression import left_out_of_mean
 
 LEAST = 3  # demonstrations, of which one can be left out
+_MOST_SHOWN = 2**31  # demonstrations
 _MOST = 40  # demonstrations that are fitted; of more, some at equal distances
 
 
@@ -42,8 +43,8 @@ class ImageEncoder(nn.Module):
         config: see `ImageEncoderConfig`.
 
     Attributes:
-        shown: picture at the beginning of each demonstration and on the way, its goals, and its
-            number.
+        shown: picture at the beginning of each demonstration and on the way, its goals, its number
+            and that of the parts between its gaps, which have numbers of their own.
         told: see `Told`.
     """
 
@@ -59,6 +60,7 @@ class ImageEncoder(nn.Module):
                 "later": Column(picture, torch.uint8),
                 "goals": Column((outputs,), torch.float32),
                 "demonstration": Column((), torch.int64),
+                "parts": Column((), torch.int64),
             }
         )
         self.readout = Readout(outputs)
@@ -83,7 +85,9 @@ class ImageEncoder(nn.Module):
         return Told(*self.quality.tolist())
 
     @torch.no_grad()
-    def add(self, picture: Tensor, later: Tensor, goals: Tensor, demonstration: int) -> None:
+    def add(
+        self, picture: Tensor, later: Tensor, goals: Tensor, demonstration: int, parts: int = 1
+    ) -> None:
         """Keep the picture at the beginning of a demonstration; `fit` makes use of it.
 
         Args:
@@ -91,9 +95,10 @@ class ImageEncoder(nn.Module):
             later: one while the hand is on its way.
             goals: `[m]`.
             demonstration: its number.
+            parts: how many numbers it has, from that one on: one for each part between gaps.
         """
-        row = {"picture": picture, "later": later, "goals": goals, "demonstration": demonstration}
-        self.shown.append(row)
+        numbers = {"demonstration": demonstration, "parts": parts}
+        self.shown.append({"picture": picture, "later": later, "goals": goals, **numbers})
 
     def forget(self) -> None:
         """Forget which demonstrations were shown; what was fitted to them stays."""
@@ -153,13 +158,18 @@ class ImageEncoder(nn.Module):
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         check_structure(self, tensors)
         quality, numbers = tensors["quality"], tensors["shown.demonstration"]
+        parts = tensors["shown.parts"]
         check_conditions(
             {
                 "errors ≥ 0": bool((quality >= 0).all() and quality.isfinite().all()),
                 "finite goals": tensors["shown.goals"].isfinite().all(),
                 "inputs that are seen": _fits(len(tensors["readout.inputs.mean"]), tensors),
                 "demonstrations in order": bool(
-                    (numbers >= 0).all() and (numbers.diff() > 0).all()
+                    (numbers >= 0).all()
+                    and (numbers < _MOST_SHOWN).all()
+                    and (parts > 0).all()
+                    and (numbers.diff() >= parts[:-1]).all()
+                    and (parts < _MOST_SHOWN).all()
                 ),
             }
         )

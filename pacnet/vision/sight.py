@@ -94,4 +94,5 @@ def frames_of(seconds: float, fps: float, shortest: int) -> int:
 
 def steps_of(goals: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return goals `[..., G · S]` one by one, `[..., G, S]`."""
-    return goals.reshape(*goals.shape[:-1], len(SHARES), -1)
+    count = len(SHARES)
+    return goals.reshape(*goals.shape[:-1], count, goals.shape[-1] // count)

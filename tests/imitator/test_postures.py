@@ -1,5 +1,7 @@
 """A robot of joint angles alone: its camera tells a posture, and the way there is warped."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -91,7 +93,8 @@ def imitator():
 
 
 def test_the_hand_gets_to_places_that_were_not_shown(imitator):
-    assert imitator.config.frames is None and not imitator.config.tells_places
+    assert imitator.config.frames is None
+    assert not imitator.config.tells_places
     assert [report.kind for report in imitator.camera_reports] == ["patches"]
     missed = [miss(imitator, place) for place in places(10, seed=1)]
     assert np.median(missed) < 0.03  # places are .2 apart on the mean
@@ -140,3 +143,83 @@ def test_actions_that_are_no_places_leave_the_camera_unused():
     with pytest.warns(DatasetWarning, match="neither places of the robot's state"):
         made = Imitator.from_demonstrations(shown)
     assert made.cameras is None
+
+
+def at(imitator, place, task=None):
+    """The demonstrations that are followed in the first moment."""
+    imitator.reset(task)
+    step = imitator.step(REST.astype(np.float32), {TOP: picture_of(place)})
+    return {one.demonstration for one in step.followed}
+
+
+def bare(shown, **fields):
+    return replace(shown, episodes=tuple(replace(one, pictures={}, **fields) for one in shown))
+
+
+def test_another_task_at_the_same_place_is_another_demonstration():
+    """The same pictures, but each task was shown on its own."""
+    shown = demonstrations(8)
+    tasks = [replace(one, task="touch" if one.episode < 4 else "push") for one in shown]
+    shown = replace(shown, episodes=tuple(tasks))
+    imitator = Imitator.from_demonstrations(shown)
+    imitator.learn(shown)
+    place = places(1, seed=1)[0]
+    assert at(imitator, place, "touch") < {*range(4)}
+    assert at(imitator, place, "push") < {*range(4, 8)}
+
+
+def test_what_has_no_pictures_is_no_part_of_what_was_shown_before_it(imitator):
+    """The last one with pictures ends where it did, whatever is learned after it."""
+    place = places(8, seed=0)[7]
+    assert at(imitator, place) == {7}
+    taught = imitator.fork()
+    taught.learn(bare(demonstrations(2, seed=3)))
+    assert at(taught, place) == {7}
+    near = place + 0.03
+    assert miss(taught, near) == miss(imitator, near)
+
+
+def test_parts_between_gaps_are_one_demonstration():
+    shown = demonstrations(8)
+    parted = replace(shown, episodes=tuple(replace(one, gaps=(20,)) for one in shown))
+    imitator = Imitator.from_demonstrations(parted)
+    imitator.learn(parted)
+    assert len(imitator.reports) == 16
+    imitator.learn(bare(demonstrations(1, seed=3)))
+    told = imitator.cameras.goals_shown()
+    np.testing.assert_array_equal(told.first, range(0, 16, 2))
+    np.testing.assert_array_equal(told.end, range(2, 18, 2))
+
+
+def test_it_acts_before_all_is_learned():
+    """Nothing is followed yet, one demonstration is known, and none has pictures."""
+    shown = demonstrations(8)
+    place = places(1, seed=1)[0]
+    imitator = Imitator.from_demonstrations(shown)
+    assert at(imitator, place) == set()
+    known = []
+    imitator.learn(shown, lambda _: known.append(at(imitator, place)))
+    assert all(of <= {*range(number + 1)} and of for number, of in enumerate(known))
+    blind = Imitator.from_demonstrations(shown)
+    blind.learn(bare(shown))
+    assert at(blind, place)
+
+
+def test_a_loaded_state_is_told_anew(imitator):
+    other = demonstrations(8, seed=5)
+    second = Imitator.from_demonstrations(other)
+    second.learn(other)
+    first = imitator.fork()
+    before = first.cameras.goals_shown()
+    first.cameras.load_state_dict(second.cameras.state_dict())
+    after, wanted = first.cameras.goals_shown().goals, second.cameras.goals_shown().goals
+    np.testing.assert_array_equal(after, wanted)
+    assert not np.array_equal(before.goals, after)
+
+
+@pytest.mark.parametrize(("name", "value"), [("demonstration", 2**62), ("parts", 0), ("parts", 9)])
+def test_numbers_that_contradict_one_another_are_refused(imitator, name, value):
+    state = imitator.state_dict()
+    state[f"cameras.parts.0.shown.{name}"][0] = value
+    with pytest.raises(ValueError, match="demonstrations in order"):
+        imitator.fork().load_state_dict(state)
