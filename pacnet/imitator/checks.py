@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -12,6 +13,7 @@ from pacnet.attention.sofm import HabituatingSOFM
 from pacnet.core.validation import check_bounded, check_index, check_rows, is_integer
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.imitator.config import ImitatorConfig
+from pacnet.vision.cameras_config import CamerasConfig
 
 _LIKE = torch.empty(0)  # float32 on the CPU, as all of a demonstration's tensors must be
 
@@ -20,11 +22,10 @@ def check_demonstrations(
     demonstrations: object, config: ImitatorConfig, sofm: HabituatingSOFM
 ) -> None:
     """Raise a ValueError unless an imitator can learn all of these demonstrations."""
-    if not isinstance(demonstrations, Demonstrations):
-        raise ValueError(f"expected Demonstrations, got {type(demonstrations).__name__}")
+    demonstrations = _checked(demonstrations)
     if not isinstance(demonstrations.source, str):
         raise ValueError(f"expected their source as a str, got {demonstrations.source!r}")
-    _check_features(demonstrations, config)
+    _check_features(demonstrations, config, config.percepts)
     if demonstrations.fps != config.fps:
         raise ValueError(
             f"expected {config.fps} frames per second, as learned before, got {demonstrations.fps}"
@@ -36,9 +37,49 @@ def check_demonstrations(
             raise ValueError(f"episode {shown.episode}: {error}") from None
 
 
-def _check_features(demonstrations: Demonstrations, config: ImitatorConfig) -> None:
+def check_pictured(demonstrations: object, config: ImitatorConfig) -> None:
+    """Raise a ValueError unless an imitator's cameras can look at all of these demonstrations."""
+    demonstrations = _checked(demonstrations)
+    _check_features(demonstrations, config, config.perceived)
+    state, cameras = config.state_dimensions, config.cameras
+    for shown in demonstrations:
+        rest = config.perceived_dimensions - state
+        rest -= 0 if shown.encoded is None else shown.encoded.shape[1]
+        try:
+            check_rows("state", shown.state, state, _LIKE)
+            check_rows("environment_state", shown.environment_state, rest, _LIKE)
+            if cameras is not None:
+                _check_pictures(shown, cameras)
+        except ValueError as error:
+            raise ValueError(f"episode {shown.episode}: {error}") from None
+
+
+def _check_pictures(shown: Demonstration, cameras: CamerasConfig) -> None:
+    """Raise a ValueError unless the pictures of each camera that there are fit what it learned."""
+    for name, one in zip(cameras.features, cameras.encoders, strict=True):
+        if name not in shown.pictures:
+            continue
+        pictures, wanted = shown.pictures[name], (len(shown.state), one.height, one.width, 3)
+        dtype, shape = getattr(pictures, "dtype", None), getattr(pictures, "shape", ())
+        if dtype != np.uint8 or tuple(shape) != wanted:
+            raise ValueError(
+                f"expected pictures of {name!r} as uint8 {[*wanted]}, got {dtype} {[*shape]}"
+            )
+
+
+def _checked(demonstrations: object) -> Demonstrations:
+    if not isinstance(demonstrations, Demonstrations):
+        raise ValueError(f"expected Demonstrations, got {type(demonstrations).__name__}")
+    return demonstrations
+
+
+def _check_features(
+    demonstrations: Demonstrations,
+    config: ImitatorConfig,
+    wanted: Mapping[str, tuple[str, ...]],
+) -> None:
     """Raise a ValueError unless percepts and actions have the dimensions learned before."""
-    wanted, got = config.percepts, demonstrations.percept_features
+    got = demonstrations.percept_features
     names = dict.fromkeys((*wanted, *got))
     pairs = [(name, wanted.get(name), got.get(name)) for name in names]
     for name, expected, found in (*pairs, ("action", config.action, demonstrations.action_names)):

@@ -28,7 +28,7 @@ from pacnet.core.validation import MAX_VALUE, check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.auto_config import choose_settings
-from pacnet.imitator.checks import check_demonstrations
+from pacnet.imitator.checks import check_demonstrations, check_pictured
 from pacnet.imitator.forward_model import fit
 from pacnet.imitator.framed_step import framed_step
 from pacnet.imitator.learning import Draft, how_begins
@@ -273,6 +273,7 @@ class Imitator(ImitatorState):
         """Return where the hand is in each demonstration, or its posture; none without cameras."""
         if self.cameras is None:
             return []
+        check_pictured(demonstrations, self.config)
         if not self.config.tells_places:
             return postures_of(demonstrations, self.config)
         body = None if self.frames is None else self.frames.body

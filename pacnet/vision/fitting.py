@@ -154,7 +154,7 @@ def _fitted(
     features, digest = (0, None)
     if kind not in (NONE, PATCHES):
         features, digest = features_of(kind, height, width)
-    patch = max(3, round(_PATCH * max(height, width)))
+    patch = max(3, min(round(_PATCH * max(height, width)), min(height, width) // 2))
     encoder = ImageEncoder(
         ImageEncoderConfig(
             kind, height, width, len(goal_names(hand_names)), patch, features, digest

@@ -155,7 +155,7 @@ def test_a_camera_of_tiny_pictures_is_left_out(size: tuple[int, int], kind: str)
     assert TOP not in reports
 
 
-@pytest.mark.parametrize("size", [(8, 8), (9, 40)])
+@pytest.mark.parametrize("size", [(8, 8), (9, 40), (8, 128)])
 @pytest.mark.parametrize("kind", ["patches", "pca"])
 def test_small_pictures_are_no_error(size: tuple[int, int], kind: str):
     generator = np.random.default_rng(0)

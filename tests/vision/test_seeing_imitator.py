@@ -296,6 +296,27 @@ def test_what_is_no_picture_of_the_camera_is_refused(
     assert go(trained, UNSEEN[0]).apart < NEAR
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"state": torch.empty(0, 2)}, "expected state .* got an empty one"),
+        ({"state": torch.zeros(9, 1)}, "expected state .*rows, 2. .*got shape .9, 1."),
+        ({"pictures": {TOP: np.zeros((3, 48, 64, 3), np.uint8)}}, "got uint8 .3, 48, 64, 3."),
+        ({"pictures": {TOP: np.zeros((60, 48, 64), np.uint8)}}, "got uint8 .60, 48, 64."),
+        ({"pictures": {TOP: np.zeros((60, 48, 64, 3), np.float32)}}, "got float32"),
+        ({"pictures": {TOP: None}}, "expected pictures of 'observation.images.top' as uint8"),
+    ],
+)
+def test_demonstrations_that_do_not_fit_are_refused_by_name(
+    trained: Imitator, change: dict, message: str
+):
+    other = trained.fork()
+    wrong = replace(demonstrations(1, seed=9).episodes[0], **change)
+    with pytest.raises(ValueError, match=f"episode 0: .*{message}"):
+        other.learn(shown(wrong))
+    assert len(other.reports) == 5
+
+
 def test_demonstrations_without_pictures_are_no_harm_or_refused_by_name(trained: Imitator):
     """Whole ones say where the hand will be; those that begin in the middle need pictures."""
     other, bare = trained.fork(), [replace(one, pictures={}) for one in demonstrations(2, seed=9)]
