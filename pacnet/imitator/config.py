@@ -105,6 +105,7 @@ class ImitatorConfig:
                 self._fits(self.frames),
                 f"of {dimensions} dimensions, with targets that are actions",
             ),
+            "cameras": (self._tells(self.cameras), "that tell the last percepts, or the state"),
         }
         check_fields(self, checks)
 
@@ -121,6 +122,16 @@ class ImitatorConfig:
             "still_actions": (ascends and with_states, "as ascending numbers, of state targets"),
             "explained": (are_shares, "as shares ≤ 1 by name"),
         }
+
+    def _tells(self, cameras: object) -> bool:
+        """Return whether cameras tell places that percepts end with, or else the robot's state."""
+        if cameras is None:
+            return True
+        if not isinstance(cameras, CamerasConfig):
+            return False
+        if CAMERAS in self.percepts:
+            return [*self.percepts.items()][-1] == (CAMERAS, cameras.names)
+        return cameras.hand == self.state_names
 
     def _fits(self, frames: object) -> bool:
         """Return whether frames are of these percepts and actions, none of which are dropped."""

@@ -66,7 +66,7 @@ def fit_cameras(
         encoder: the kind, for all cameras; "auto" for that of the least error.
 
     Raises:
-        ValueError: an unknown kind.
+        ValueError: an unknown kind; pictures that are not reduced, as those that it acts on are.
     """
     if encoder != AUTO and not is_kind(encoder):
         raise ValueError(f"expected an encoder out of auto, {KINDS_TEXT}, got {encoder!r}")
@@ -76,6 +76,8 @@ def fit_cameras(
         if shown.first_frame == 0
     ]
     features = _everywhere([shown for _, shown, _ in whole])
+    for feature in features:
+        _check_reduced(feature, whole[0][1].pictures[feature])
     shortest = min((len(hand) for _, _, hand in whole), default=1)
     at_once = min(_MOST_AT_ONCE, frames_of(_BEGINNING, demonstrations.fps, shortest))
     reports, used = [], {}
@@ -121,6 +123,17 @@ def _everywhere(episodes: Sequence[Demonstration]) -> tuple[str, ...]:
         == 1
         and min(episodes[0].pictures[feature].shape[1:3]) >= _SMALLEST
     )
+
+
+def _check_reduced(feature: str, pictures: NDArray[np.uint8]) -> None:
+    from pacnet.datasets.pictures import MAX_SIDE  # imports numba
+
+    height, width = pictures.shape[1:3]
+    if max(height, width) > MAX_SIDE:
+        raise ValueError(
+            f"expected pictures of {feature!r} with sides up to {MAX_SIDE} pixels, as "
+            f"pacnet.datasets.pictures.reduce makes them, got {width} x {height}"
+        )
 
 
 def _best(

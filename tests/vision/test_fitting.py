@@ -155,6 +155,14 @@ def test_a_camera_of_tiny_pictures_is_left_out(size: tuple[int, int], kind: str)
     assert TOP not in reports
 
 
+def test_pictures_that_are_not_reduced_are_refused():
+    """Those it acts on are, so that it would never find anything."""
+    pictures = np.zeros((96, 129, 3), np.uint8)
+    wide = shown(*(with_pictures(disc, n, pictures) for n, disc in enumerate(places(5, seed=0))))
+    with pytest.raises(ValueError, match=r"up to 128 pixels, .*got 129 x 96"):
+        fitted(wide, "auto")
+
+
 @pytest.mark.parametrize("size", [(8, 8), (9, 40), (8, 128)])
 @pytest.mark.parametrize("kind", ["patches", "pca"])
 def test_small_pictures_are_no_error(size: tuple[int, int], kind: str):

@@ -196,6 +196,16 @@ def test_a_corrupted_checkpoint_is_refused(
         Imitator.from_pretrained(tmp_path)
 
 
+def test_cameras_that_tell_something_else_are_refused(trained: Imitator):
+    config = trained.config
+    assert config.cameras is not None
+    other = replace(config.cameras, hand=("x", "z"))
+    percepts = {name: config.percepts[name] for name in reversed(config.percepts)}
+    for change in ({"cameras": other}, {"percepts": percepts}, {"cameras": "top"}):
+        with pytest.raises(ValueError, match=r"expected ImitatorConfig\.(cameras|state)"):
+            replace(config, **change)
+
+
 @pytest.mark.parametrize("copied", [Imitator.fork, copy.deepcopy], ids=["fork", "deepcopy"])
 def test_what_a_copy_learns_is_its_own(trained: Imitator, copied: Callable[[Imitator], Imitator]):
     before = {name: tensor.clone() for name, tensor in trained.state_dict().items()}
