@@ -37,6 +37,7 @@ _AMBIGUOUS = 0.5  # what a margin of nothing adds to the error, in shares of `_D
 _LARGER = 4  # pixels, by which a patch of the reference is larger
 _MOVED = 2.0  # pixels
 _RESTLESS = 0.5  # what it adds to the error that a patch is elsewhere in all later pictures
+_STILL = 1.0  # pixels: what moves by less in all demonstrations moves by noise
 _BEYOND = 15.0  # ranges of a patch's places, over their number: how far beyond it is looked for
 _PIXELS = 3.0  # and so many more
 _MARGIN, _FEW = 0.9, 8  # as of the detector of novelty: of N demonstrations, _FEW / N of it
@@ -97,6 +98,8 @@ class Patches(nn.Module):
         unlike = _UNLIKE * (1 - found.scores.min(dim=0).values)
         vague = (_DISTINCT - found.margins).clamp(min=0).mean(dim=0)
         unlike = unlike + _AMBIGUOUS * vague + _RESTLESS * moved.float().mean(dim=0)
+        apart = (found.places - found.places.median(dim=0).values).norm(dim=2).amax(dim=0)
+        unlike[apart < _STILL] += 1.0  # never better than to know nothing
         groups, penalties = places.transpose(0, 1), unlike.double()
         most = min(_MOST, max(1, (len(pictures) - 2) // 2))
         choice = choose(groups, penalties, goals, most)

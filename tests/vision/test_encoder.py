@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from discs import FPS, HEIGHT, START, WIDTH, film, path_to, picture_of, places
+from discs import FPS, HEIGHT, START, WIDTH, draw_disc, film, path_to, picture_of, places
 from torch import Tensor
 
 from pacnet.vision import ImageEncoder, ImageEncoderConfig
@@ -323,3 +323,26 @@ def test_a_hand_that_starts_elsewhere_is_not_attended_to():
         hand = START + np.array(apart)
         look = encoder.look(torch.from_numpy(picture_of(disc, hand)))
         assert np.linalg.norm(look.goals[-2:].numpy() - disc) < 0.06
+
+
+def test_what_moves_by_a_fraction_of_a_pixel_is_not_attended_to():
+    """A mark's place, to a quarter of a pixel, foretells goals better than the disc's does."""
+    generator = np.random.default_rng(4)
+    goals = places(16, seed=4)
+    discs = goals + generator.normal(0, 0.03, goals.shape)
+    encoder = ImageEncoder(config("patches"))
+    for number, (goal, disc) in enumerate(zip(goals, discs, strict=True)):
+        seen = torch.from_numpy(marked(disc, 0.005 * goal, number))
+        encoder.add(seen, seen, torch.from_numpy(goals_of(path_to(goal), FPS)), number)
+    encoder.fit()
+    for number, disc in enumerate(UNSEEN[:5]):
+        look = encoder.look(torch.from_numpy(picture_of(disc, None, seed=number)))  # no mark
+        assert look.doubt < 1
+        assert np.linalg.norm(look.goals[-2:].numpy() - disc) < 0.08
+
+
+def marked(disc: np.ndarray, by: np.ndarray, seed: int) -> np.ndarray:
+    """A picture with a disc, and with a mark in the corner that is moved by a little."""
+    picture = picture_of(disc, None, seed=seed).astype(np.float64)
+    draw_disc(picture, np.array([0.02, 0.05]) + by, (255, 255, 255), 2.5)
+    return picture.astype(np.uint8)
