@@ -30,7 +30,9 @@ def add_cameras(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--encoder", metavar="KIND",
-        help="what looks at pictures: patches, pca or none (auto: of these what tells most)",
+        help="what looks at pictures: patches, pca (eigenimages) or none; or what has weights of "
+        "others: torchvision:NAME, timm:NAME, hf:NAME or file:PATH (auto: the first of patches and "
+        "pca that tells where the hand will be, else none)",
     )  # fmt: skip
 
 

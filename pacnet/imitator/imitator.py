@@ -118,8 +118,8 @@ class Imitator(ImitatorState):
             body: tells where the hand is from the angles among the percepts, and finds the angles
                 that take it somewhere; actions are targets of these angles then. None without one.
             encoder: what looks at the demonstrations' pictures, if they have any: "auto" for the
-                built-in kind that tells most, or nothing where a camera does not help; see
-                `pacnet.vision`.
+                first built-in kind that tells where the hand will be, or nothing where a camera
+                does not help; see `pacnet.vision`.
 
         Raises:
             ValueError: no demonstrations, percepts that never change, actions that never do or too
@@ -134,7 +134,8 @@ class Imitator(ImitatorState):
         has_pictures = any(shown.pictures for shown in demonstrations)
         told_nothing = bool(reports) and cameras is None  # not even a place
         if has_pictures and config.frames is None and encoder != NONE and not told_nothing:
-            config = choose_settings(demonstrations, targets, lead, budget, None, None)
+            if seeing.cameras is not None:  # settings of places that are no use
+                config = choose_settings(demonstrations, targets, lead, budget, None, None)
             cameras, reports = see_postures(demonstrations, config, encoder)
             config = replace(config, cameras=None if cameras is None else cameras.config)
         imitator = cls(config, engine)
@@ -230,23 +231,23 @@ class Imitator(ImitatorState):
             ValueError: wrong shape or dtype, not finite, or a camera without a picture; nothing has
                 changed.
         """
+        percept = check_row("percept", percept, self.config.perceived_dimensions)
+        known = self._latest()  # a new state begins a new episode, which is to keep what it sees
+        with np.errstate(over="ignore"):  # refused below
+            scaled = percept * self._scale[: len(percept)]
+        if not np.abs(scaled).max() <= MAX_VALUE:  # NaN is not
+            raise ValueError(
+                f"expected a finite percept within ±{MAX_VALUE:g}, scaled, got {percept.tolist()}"
+            )
         goals = None
         if self.cameras is not None:
-            percept = check_row("percept", percept, self.config.perceived_dimensions)
-            self._latest()  # a new state begins a new episode, which is to keep what it sees
             seen = self._see(pictures)
             if seen.doubt > 1:
                 return _unseen(seen, self.cameras.features)
             goals = seen.goals
             if self.config.tells_places:
                 percept = np.concatenate([percept, goals])
-        percept, known = check_row("percept", percept, len(self.percept_names)), self._latest()
-        with np.errstate(over="ignore"):  # refused below
-            scaled = percept * self._scale
-        if not np.abs(scaled).max() <= MAX_VALUE:  # NaN is not
-            raise ValueError(
-                f"expected a finite percept within ±{MAX_VALUE:g}, scaled, got {percept.tolist()}"
-            )
+                scaled = percept * self._scale
         if known.framed is not None and self.frames is not None:
             end = _END * self.config.fps
             names = self.config.point_dimensions

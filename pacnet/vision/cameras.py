@@ -111,7 +111,7 @@ class Cameras(nn.Module):
         """Return demonstrations whose percepts end with where the hand will be.
 
         That is what their first pictures tell, so that they are related to goals as acting is: an
-        error of what is told is the same in both. An episode without pictures says it itself.
+        error of what is told is much the same in both. An episode without pictures says it itself.
 
         Args:
             demonstrations: whole episodes, or parts of them with pictures.

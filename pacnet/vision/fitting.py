@@ -14,10 +14,10 @@ from pacnet.vision.backbones import features_of
 from pacnet.vision.cameras import Cameras, Hands, pictures_of
 from pacnet.vision.cameras_config import CamerasConfig
 from pacnet.vision.config import (
-    BUILT_IN,
     KINDS_TEXT,
     NONE,
     PATCHES,
+    PCA,
     ImageEncoderConfig,
     Told,
     is_kind,
@@ -63,7 +63,7 @@ def fit_cameras(
         demonstrations: whole episodes.
         hands: where the hand is in them.
         hand_names: names of its S dimensions.
-        encoder: the kind, for all cameras; "auto" for that of the least error.
+        encoder: the kind, for all cameras; "auto" for the first built-in one that tells goals.
 
     Raises:
         ValueError: an unknown kind; pictures that are not reduced, as those that it acts on are.
@@ -146,15 +146,16 @@ def _best(
 
     Eigenimages are of all that is in the picture: another light, or the hand, is new to them.
     """
-    kinds = BUILT_IN if encoder == AUTO and len(shown) >= LEAST else (encoder,)
-    kinds = (NONE,) if kinds == (AUTO,) else kinds
-    fitted = {kind: _fitted(kind, shown, hand_names, fps) for kind in kinds}
-    if encoder != AUTO or len(shown) < LEAST:
-        return fitted[kinds[0]]
-    telling = {k: one for k, one in fitted.items() if k != NONE and _tells(one)}
-    if not telling:
-        return min(fitted.values(), key=lambda one: one.told.chance)
-    return next(telling[kind] for kind in BUILT_IN if kind in telling)
+    if encoder != AUTO:
+        return _fitted(encoder, shown, hand_names, fps)
+    if len(shown) < LEAST:
+        return _fitted(NONE, shown, hand_names, fps)
+    tried = []
+    for kind in (PATCHES, PCA):
+        tried.append(_fitted(kind, shown, hand_names, fps))
+        if _tells(tried[-1]):
+            return tried[-1]
+    return min(tried, key=lambda one: one.told.chance)
 
 
 def _fitted(

@@ -81,10 +81,9 @@ class Sight:
 
 
 def _shares_of(encoders: Sequence[ImageEncoder]) -> NDArray[np.float64]:
-    """Return the say of each camera in each goal, `[C, G · S]`: by its error when left out."""
+    """Return the say of each camera, `[C, 1]`: by its error when left out."""
     exact = np.array([1 / max(1e-12, encoder.told.error) ** 2 for encoder in encoders])
-    width = encoders[0].config.outputs
-    return np.repeat((exact / exact.sum())[:, None], width, axis=1)
+    return (exact / exact.sum())[:, None]
 
 
 def frames_of(seconds: float, fps: float, shortest: int) -> int:

@@ -223,3 +223,12 @@ def test_numbers_that_contradict_one_another_are_refused(imitator, name, value):
     state[f"cameras.parts.0.shown.{name}"][0] = value
     with pytest.raises(ValueError, match="demonstrations in order"):
         imitator.fork().load_state_dict(state)
+
+
+def test_a_percept_that_is_refused_is_no_look(imitator):
+    imitator.reset()
+    absent = {TOP: picture_of((-5, -5))}
+    with pytest.raises(ValueError, match="finite percept"):
+        imitator.step(np.full(2, np.nan, np.float32), absent)
+    step = imitator.step(REST.astype(np.float32), {TOP: picture_of((0.5, 0.5))})
+    assert not step.is_novel  # one absent ball and one that is there would be half and half
