@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +20,8 @@ from benchmarks.metaworld.features import View
 from benchmarks.metaworld.learners import LEARNERS
 from benchmarks.metaworld.recording import NUMBER, ExpertFailsError, demonstrations_of, load
 from benchmarks.metaworld.results import Cell, Result, Results
-from benchmarks.metaworld.simulation import World, is_installed
+from benchmarks.metaworld.running import check_ranges, run
+from benchmarks.metaworld.simulation import World
 
 FOLDER = Path("runs/metaworld")
 CAMERA = "--camera"
@@ -90,10 +90,7 @@ def _check(arguments: Arguments, parser: argparse.ArgumentParser) -> None:
         "--demonstrations": (arguments.demonstrations, 1, NUMBER),
         "--episodes": ([arguments.episodes], 1, EPISODES),
     }
-    for option, (given, least, most) in ranges.items():
-        for value in given:
-            if not least <= value <= most:
-                parser.error(f"argument {option}: expected {least} to {most}, got {value}")
+    check_ranges(ranges, parser)
     if arguments.view.noise < 0 or not arguments.view.units > 0:
         parser.error(f"expected --noise ≥ 0 and --units > 0, got {arguments.view}")
 
@@ -146,20 +143,8 @@ def main() -> int:
 
         return command.main()
     arguments = parse_arguments()
-    if not is_installed():
-        sys.exit("expected Metaworld to be installed: `make metaworld` does it, in .venv-metaworld")
-    from pacnet.kernels.threads import use_one_thread
-
-    use_one_thread()
-    warnings.filterwarnings("ignore", "Constant", module="metaworld")  # actions are clipped
-    results, interrupted = Results(arguments.folder / "results"), False
-    try:
-        measure(arguments, results)
-    except KeyboardInterrupt:
-        print("interrupted: the same command goes on from here", file=sys.stderr)
-        interrupted = True
-    except ValueError as error:
-        sys.exit(str(error))
+    results = Results(arguments.folder / "results")
+    interrupted = run(lambda: measure(arguments, results))
     found, failed = results.all(), results.failed_experts
     print(report.markdown(asked_for(arguments, found), failed))
     if arguments.write and not interrupted:

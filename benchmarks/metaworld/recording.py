@@ -7,7 +7,8 @@ noisy action is the one that is executed and recorded.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -23,7 +24,7 @@ from benchmarks.metaworld.features import (
 )
 from benchmarks.metaworld.simulation import FPS, HORIZON
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
-from pacnet.datasets.recorder import Recorder
+from pacnet.datasets.recorder import Feature, Picture, Recorder
 
 NUMBER = 20  # demonstrations of a draw
 SEEDS = 10_000  # draw d takes the seeds from SEEDS (d + 1)
@@ -78,8 +79,6 @@ def demonstrations_of(world: Demonstrated, draw: int, folder: Path) -> Path:
     root = folder / f"{world.task}-{draw}"
     if root.exists():
         return root
-    partial = root.with_name(root.name + _PARTIAL)
-    shutil.rmtree(partial, ignore_errors=True)
     shown = list(successes(world, SEEDS * (draw + 1)))
     landmarks = landmarks_of(shown[0].observations[0])
     features = {
@@ -87,14 +86,25 @@ def demonstrations_of(world: Demonstrated, draw: int, folder: Path) -> Path:
         "observation.environment_state": environment_names(landmarks),
         "action": ACTION,
     }
-    with Recorder(partial, FPS, features) as recorder:
+    with recorder_of(root, features) as recorder:
         for one in shown:
             percepts = percept_of(one.observations, landmarks)
             state, surroundings = np.split(percepts, [len(STATE)], axis=1)
             frames = dict(zip(features, (state, surroundings, one.actions), strict=True))
             recorder.save_episode(world.task, frames)
-    partial.rename(root)
     return root
+
+
+@contextmanager
+def recorder_of(
+    root: Path, features: Mapping[str, Sequence[str] | Feature | Picture]
+) -> Iterator[Recorder]:
+    """Give a recorder of a dataset that is there once it is whole."""
+    partial = root.with_name(root.name + _PARTIAL)
+    shutil.rmtree(partial, ignore_errors=True)
+    with Recorder(partial, FPS, features) as recorder:
+        yield recorder
+    partial.rename(root)
 
 
 def load(root: Path, number: int) -> Demonstrations:

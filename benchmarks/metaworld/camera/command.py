@@ -7,8 +7,6 @@ on where it was stopped.
 from __future__ import annotations
 
 import argparse
-import sys
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,7 +21,7 @@ from benchmarks.metaworld.camera.world import SeenWorld
 from benchmarks.metaworld.evaluation import EPISODES
 from benchmarks.metaworld.recording import NUMBER
 from benchmarks.metaworld.results import Cell, Result, Results
-from benchmarks.metaworld.simulation import is_installed
+from benchmarks.metaworld.running import check_ranges, run
 
 FOLDER = Path("runs/metaworld/camera")
 TASKS = ("button-press-topdown", "drawer-open", "sweep-into", "pick-place")
@@ -97,10 +95,7 @@ def _check(arguments: Arguments, parser: argparse.ArgumentParser) -> None:
         "--demonstrations": (arguments.demonstrations, 1, NUMBER),
         "--episodes": ([arguments.episodes], 1, EPISODES),
     }
-    for option, (given, least, most) in ranges.items():
-        for value in given:
-            if not least <= value <= most:
-                parser.error(f"argument {option}: expected {least} to {most}, got {value}")
+    check_ranges(ranges, parser)
 
 
 def cells(arguments: Arguments) -> Iterator[tuple[Cell, int]]:
@@ -166,20 +161,8 @@ def asked_for(arguments: Arguments, found: Mapping[Cell, Result]) -> dict[Cell, 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print and write."""
     parsed = parse_arguments(arguments)
-    if not is_installed():
-        sys.exit("expected Metaworld to be installed: `make metaworld` does it, in .venv-metaworld")
-    from pacnet.kernels.threads import use_one_thread
-
-    use_one_thread()
-    warnings.filterwarnings("ignore", "Constant", module="metaworld")  # actions are clipped
-    results, interrupted = Results(parsed.folder / "results"), False
-    try:
-        measure(parsed, results)
-    except KeyboardInterrupt:
-        print("interrupted: the same command goes on from here", file=sys.stderr)
-        interrupted = True
-    except ValueError as error:
-        sys.exit(str(error))
+    results = Results(parsed.folder / "results")
+    interrupted = run(lambda: measure(parsed, results))
     found = asked_for(parsed, results.all())
     print(report.markdown(found))
     if parsed.write and not interrupted:

@@ -5,21 +5,17 @@ They are those of the same draw without a camera: the same seeds decide the same
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.metaworld.camera.world import SIDE, Picture, SeenWorld
 from benchmarks.metaworld.features import ACTION, STATE, Array
-from benchmarks.metaworld.recording import SEEDS, successes
-from benchmarks.metaworld.simulation import FPS
+from benchmarks.metaworld.recording import SEEDS, recorder_of, successes
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
 from pacnet.datasets.recorder import Picture as CameraFeature
-from pacnet.datasets.recorder import Recorder
 
 CAMERA = "observation.image"  # as LeRobot's environment of Metaworld calls it
-_PARTIAL = ".partial"
 
 
 class Watched:
@@ -64,17 +60,14 @@ def demonstrations_of(world: SeenWorld, draw: int, folder: Path) -> Path:
     root = folder / f"{world.task}-{draw}"
     if root.exists():
         return root
-    partial = root.with_name(root.name + _PARTIAL)
-    shutil.rmtree(partial, ignore_errors=True)
     watched = Watched(world)
     features = {"observation.state": STATE, CAMERA: CameraFeature(SIDE, SIDE), "action": ACTION}
-    with Recorder(partial, FPS, features) as recorder:
+    with recorder_of(root, features) as recorder:
         for shown in successes(watched, SEEDS * (draw + 1)):
             states = shown.observations[:, : len(STATE)].astype(np.float32)
             pictures = np.stack(watched.pictures[: len(states)])
             frames = dict(zip(features, (states, pictures, shown.actions), strict=True))
             recorder.save_episode(world.task, frames)
-    partial.rename(root)
     return root
 
 
