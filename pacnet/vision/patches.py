@@ -111,8 +111,7 @@ class Patches(nn.Module):
         places, unlike = found.places[:, chosen], 1 - found.scores[:, chosen]
         lowest, highest = places.amin(dim=0), places.amax(dim=0)
         beyond = _BEYOND / len(places) * (highest - lowest) + _PIXELS
-        few = min(1.0, _FEW / len(places))
-        worst = unlike.amax(dim=0) * (1 + _MARGIN * few) + _by_noise(patches[chosen])
+        worst = unlike.amax(dim=0) * allowance(len(places)) + _by_noise(patches[chosen])
         rows = {"patch": patches[chosen], "low": lowest - beyond, "high": highest + beyond}
         self.rows.replace({**rows, "worst": worst})
 
@@ -147,6 +146,11 @@ class Patches(nn.Module):
                 f"at most {_MOST} patches": len(worst) <= _MOST,
             }
         )
+
+
+def allowance(count: int) -> float:
+    """Return by what the largest deviation of so many demonstrations is multiplied to be new."""
+    return 1 + _MARGIN * min(1.0, _FEW / count)
 
 
 def _by_noise(patches: Tensor) -> Tensor:

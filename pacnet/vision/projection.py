@@ -15,12 +15,11 @@ from torch.nn import functional
 from pacnet.core.growable_rows import Column, GrowableRows, copy_on_state_dict
 from pacnet.core.integrity import check_conditions, check_on_load, check_structure
 from pacnet.vision.correlation import as_tensor
-from pacnet.vision.patches import Description
+from pacnet.vision.patches import Description, allowance
 from pacnet.vision.regression import Choice, choose_first
 
 SIDE = 16  # pixels of the small pictures
 _MOST = 6  # components that are tried
-_MARGIN, _FEW = 0.9, 8  # as of patches
 _NOISE = 2 / 255  # by which features differ at least, for no reason
 _NOTHING = 1e-9  # of the largest eigenvalue: less is rounding
 
@@ -63,8 +62,8 @@ class Projection(nn.Module):
         choice = choose_first(projected, goals)
         self.rows.replace({"component": components})
         self.centre.copy_(centre)
-        few = min(1.0, _FEW / len(features))
-        self.usual.fill_(float(_unexplained(features.double()).max()) * (1 + _MARGIN * few))
+        left = float(_unexplained(features.double()).max())
+        self.usual.fill_(left * allowance(len(features)))
         return projected[:, list(choice.columns)], choice
 
     def describe(self, features: Tensor) -> Description:

@@ -265,17 +265,22 @@ def test_lerobot_reads_it_and_records_behind_it(tmp_path: Path):
         at += 4 + seed
     assert dataset.meta.stats[TOP]["mean"].shape == (3, 1, 1)
 
-    frames = episode(3, 7)
-    for number in range(7):
-        dataset.add_frame(
-            {name: rows[number].astype("u1" if rows.ndim == 4 else "f4") for name, rows in
-             frames.items()} | {"task": "look"}
-        )  # fmt: skip
-    dataset.save_episode()
+    save_with_lerobot(dataset, 3, 7)
     dataset.finalize()
     assert_holds(root, 0, 1, 2, 3)
     record(root, 4)
     assert_holds(root, 0, 1, 2, 3, 4)
+
+
+def save_with_lerobot(dataset, seed: int, count: int) -> None:
+    """Let LeRobot save an episode of so many frames."""
+    for number in range(count):
+        frame = {
+            name: rows[number].astype("u1" if rows.ndim == 4 else "f4")
+            for name, rows in episode(seed, count).items()
+        }
+        dataset.add_frame(frame | {"task": "look"})
+    dataset.save_episode()
 
 
 @pytest.mark.slow
@@ -295,13 +300,7 @@ def test_it_is_recorded_behind_lerobot(tmp_path: Path):
         "local/new", fps=10, root=root, features=features, video_backend="pyav"
     )
     for seed in (0, 1):
-        frames = episode(seed, 4 + seed)
-        for number in range(4 + seed):
-            dataset.add_frame(
-                {name: rows[number].astype("u1" if rows.ndim == 4 else "f4") for name, rows in
-                 frames.items()} | {"task": "look"}
-            )  # fmt: skip
-        dataset.save_episode()
+        save_with_lerobot(dataset, seed, 4 + seed)
     dataset.finalize()
     record(root, 2)
     assert_holds(root, 0, 1, 2)
