@@ -36,7 +36,7 @@ class Seeing:
 
     def step(self, observation: Observation) -> Target:
         """Return the target of the coming step."""
-        pictures = None if self.imitator.cameras is None else {CAMERA: self._environment.look()}
+        pictures = {CAMERA: self._environment.look()} if self.imitator.is_looking else None
         step = self.imitator.step(observation["proprioception"], pictures)
         self.is_novel = step.is_novel
         return step.action

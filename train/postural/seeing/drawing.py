@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,8 @@ from train.postural.seeing.actors import Seeing
 from train.postural.seeing.trials import STANDING, demonstrations_of
 from train.postural.seeing.watching import CAMERA
 
+Boxes = Sequence[tuple[float, float, float, float]]
+"""Left, top, right and bottom of each [pixels]."""
 _BOX = (0, 158, 115)  # green
 _INSET = 160  # [pixels] side of the camera's picture in a film
 
@@ -47,7 +50,7 @@ def beside_the_remembered(place: Path, checkpoint: Path, count: int, seed: int) 
     grid = figure.subplots(1, 2)
     titles = ("What it sees", f"What it remembers: demonstration {number + 1}")
     for axes, title, picture in zip(grid, titles, (seen, remembered), strict=True):
-        axes.imshow(_boxed(imitator, picture))
+        axes.imshow(_enlarged(picture, _boxes(imitator, picture)))
         axes.set_title(title, fontsize=11, loc="left")
         axes.set_axis_off()
     return figure
@@ -71,7 +74,9 @@ def film(checkpoint: Path, seed: int, path: Path) -> None:
                 return
             progress.update()
             if step % FRAME_STEPS == 0:
-                boxed = _boxed(actor.imitator, environment.look())
+                seen = environment.look()  # boxes are there as long as it looks
+                boxes = _boxes(actor.imitator, seen) if actor.imitator.is_looking else ()
+                boxed = _enlarged(seen, boxes)
                 frames.append(_with_inset(with_names(environment.render(), NAMES[1:]), boxed))
 
         act(actor, environment, STANDING, seed, take)
@@ -79,10 +84,14 @@ def film(checkpoint: Path, seed: int, path: Path) -> None:
     write_film(frames, path, FPS / FRAME_STEPS)
 
 
-def _boxed(imitator: Imitator, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a picture, enlarged, with the boxes of what is attended to."""
+def _boxes(imitator: Imitator, picture: NDArray[np.uint8]) -> Boxes:
+    """Return the boxes of what is attended to in a picture."""
     assert imitator.cameras is not None
-    boxes = imitator.cameras.encoders[CAMERA].look(torch.tensor(picture)).boxes
+    return imitator.cameras.encoders[CAMERA].look(torch.tensor(picture)).boxes
+
+
+def _enlarged(picture: NDArray[np.uint8], boxes: Boxes) -> NDArray[np.uint8]:
+    """Return a picture, enlarged, with boxes."""
     factor = _INSET * 2 / len(picture)
     drawn = Image.fromarray(picture).resize((2 * _INSET, 2 * _INSET), Image.Resampling.NEAREST)
     for left, top, right, bottom in boxes:
