@@ -34,7 +34,7 @@ class VideoFile:
             DatasetError: the file cannot be read or decoded.
         """
         self._av, self._path, self._problem = import_decoder("av"), path, ""
-        self._open("AUTO")  # as many threads as there are cores
+        self._open()
 
     def close(self) -> None:
         """Close the file."""
@@ -57,13 +57,9 @@ class VideoFile:
         nearest = np.full(length, np.inf)
         yield from self._nearer(nearest, start, fps)
         if self._problem and not np.isfinite(nearest).all():
-            self.close()
-            self._open("NONE")  # threads also lose sound frames beside a damaged one
-            yield from self._nearer(nearest, start, fps)
-        if self._problem and not np.isfinite(nearest).all():
             raise unreadable(self._path, self._problem)
 
-    def _open(self, threads: str) -> None:
+    def _open(self) -> None:
         """Open the file at its beginning."""
         try:
             self._container = self._av.open(
@@ -79,7 +75,10 @@ class VideoFile:
         except BaseException:
             self.close()
             raise
-        self._stream.thread_type = threads
+        # A decoder's thread that writes to PyAV's log waits for Python's lock, which `close` holds
+        # while it waits for the thread. Threads also lose sound frames beside a damaged one.
+        self._stream.thread_type = "NONE"
+        self._stream.codec_context.thread_count = 1
         self._base = float(self._stream.time_base)  # s
         self._begin = (self._stream.start_time or 0) * self._base  # s
         self._decoded, self._problem = self._decode(), ""
