@@ -66,7 +66,7 @@ class ImageEncoder(nn.Module):
         self.readout = Readout(outputs)
         self.seen: Patches | Projection | None = None
         if config.kind == PATCHES:
-            self.seen = Patches(config.patch)
+            self.seen = Patches(config.patch, config.height, config.width)
         elif config.kind != NONE:
             backbone_of(config)  # one that is not there is told now, not at the first picture
             self.seen = Projection(config.features)

@@ -1,8 +1,10 @@
 """Patches whose places in a picture tell where the hand will be.
 
 What differs between demonstrations is worth attending to: candidates are cut where pictures differ
-from their median and have contrast. Each is looked for in all pictures. A few whose places foretell
-the goals of demonstrations that are left out are kept.
+from their median and have contrast. Half of them are cut from pictures less their background: a
+small thing that stands out little is found there; a large one that moves little in the pictures as
+they are. Each is looked for in all pictures. A few whose places foretell the goals of
+demonstrations that are left out are kept.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from torch.nn import functional
 
 from pacnet.core.growable_rows import Column, GrowableRows
 from pacnet.core.integrity import check_conditions, check_on_load, check_structure
+from pacnet.vision.background import Background
 from pacnet.vision.correlation import (
     Found,
     as_tensor,
@@ -28,7 +31,7 @@ from pacnet.vision.correlation import (
 from pacnet.vision.reference import Reference
 from pacnet.vision.regression import Choice, choose
 
-CANDIDATES = 160  # patches that are tried
+CANDIDATES = 80  # patches that are tried, of pictures as they are, and as many less background
 _LEAST_EACH = 4  # of them from each picture
 _MOST = 3  # patches that are kept
 _UNLIKE = 0.02  # what a correlation of 0 adds to the error
@@ -62,21 +65,25 @@ class Patches(nn.Module):
 
     Args:
         size: of a patch [pixels].
+        height: of pictures [pixels].
+        width: of them [pixels].
     """
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, height: int, width: int) -> None:
         super().__init__()
         self.size = size
         corner = Column((2,), torch.float32)
         self.rows = GrowableRows(
             {
                 "patch": Column((3, size, size), torch.float32),
+                "stands_out": Column((), torch.bool),
                 "low": corner,
                 "high": corner,
                 "worst": Column((), torch.float32),
             }
         )
         self.reference = Reference(size + _LARGER)
+        self.background = Background(height, width)
         check_on_load(self)
 
     def fit(self, pictures: Tensor, later: Tensor, goals: Tensor) -> tuple[Tensor, Choice]:
@@ -88,11 +95,15 @@ class Patches(nn.Module):
                 hand is not.
             goals: `[N, m]`, float64.
         """
-        seen = as_tensor(pictures)
-        patches = _candidates(seen, self.size)
-        seen_later = as_tensor(later)
+        seen, seen_later = as_tensor(pictures), as_tensor(later)
         self.reference.fit(seen, seen_later)
-        found, again = find(seen, patches), find(seen_later, patches)
+        self.background.fit(seen)
+        less, less_later = self.background.taken_from(seen), self.background.taken_from(seen_later)
+        whole, parts = _candidates(seen, self.size), _candidates(less, self.size)
+        patches, stands_out = torch.cat([whole, parts]), torch.arange(len(whole) + len(parts))
+        stands_out = stands_out >= len(whole)
+        found = _joined(find(seen, whole), find(less, parts))
+        again = _joined(find(seen_later, whole), find(less_later, parts))
         moved = (again.places - found.places).norm(dim=2) > _MOVED
         places = found.places.double() / max(seen.shape[2:])
         unlike = _UNLIKE * (1 - found.scores.min(dim=0).values)
@@ -103,17 +114,19 @@ class Patches(nn.Module):
         groups, penalties = places.transpose(0, 1), unlike.double()
         most = min(_MOST, max(1, (len(pictures) - 2) // 2))
         choice = choose(groups, penalties, goals, most)
-        self._keep(patches, found, choice.columns)
+        self._keep(patches, stands_out, found, choice.columns)
         return groups[list(choice.columns)].transpose(0, 1).flatten(1), choice
 
-    def _keep(self, patches: Tensor, found: Found, columns: tuple[int, ...]) -> None:
+    def _keep(
+        self, patches: Tensor, stands_out: Tensor, found: Found, columns: tuple[int, ...]
+    ) -> None:
         chosen = list(columns)
         places, unlike = found.places[:, chosen], 1 - found.scores[:, chosen]
         lowest, highest = places.amin(dim=0), places.amax(dim=0)
         beyond = _BEYOND / len(places) * (highest - lowest) + _PIXELS
         worst = unlike.amax(dim=0) * allowance(len(places)) + _by_noise(patches[chosen])
         rows = {"patch": patches[chosen], "low": lowest - beyond, "high": highest + beyond}
-        self.rows.replace({**rows, "worst": worst})
+        self.rows.replace({**rows, "stands_out": stands_out[chosen], "worst": worst})
 
     def describe(self, picture: Tensor, shift: Tensor | None = None) -> Description:
         """Return what is seen in one picture, uint8 `[h, w, 3]`.
@@ -125,8 +138,12 @@ class Patches(nn.Module):
         seen = as_tensor(picture[None])
         shift = self.reference.shift(seen) if shift is None else shift
         rows = self.rows
-        bounds = rows.live("low") + shift, rows.live("high") + shift
-        place, scores = find_within(seen, rows.live("patch"), *bounds)
+        low, high = rows.live("low") + shift, rows.live("high") + shift
+        place, scores = torch.empty_like(low), torch.empty(len(rows))
+        for of, where in _parted(rows.live("stands_out")):
+            pictured = self.background.taken_from(seen, shift) if of else seen
+            found = find_within(pictured, rows.live("patch")[where], low[where], high[where])
+            place[where], scores[where] = found
         doubt = ((1 - scores) / rows.live("worst")).max().item()
         boxes = tuple(
             (column, row, column + self.size, row + self.size) for row, column in place.tolist()
@@ -151,6 +168,16 @@ class Patches(nn.Module):
 def allowance(count: int) -> float:
     """Return by what the largest deviation of so many demonstrations is multiplied to be new."""
     return 1 + _MARGIN * min(1.0, _FEW / count)
+
+
+def _joined(first: Found, second: Found) -> Found:
+    """Return where the patches of both were found."""
+    return Found(*(torch.cat(pair, dim=1) for pair in zip(first, second, strict=True)))
+
+
+def _parted(flags: Tensor) -> list[tuple[bool, Tensor]]:
+    """Return each value that flags `[K]` have, and which have it."""
+    return [(of, flags == of) for of in (False, True) if (flags == of).any()]
 
 
 def _by_noise(patches: Tensor) -> Tensor:
