@@ -2,7 +2,8 @@
 
 At each place the patch and the picture's part, both less their mean in each colour, are multiplied
 and divided by their norms (zero-mean normalised cross-correlation): 1 where they are the same, also
-where the light is another. A quadratic through the peak and its eight neighbours gives the
+where the light is another. A part that stands out much less than the patch is not it: its norm
+counts as a share of the patch's at least, or noise would be alike to anything. A quadratic through the peak and its eight neighbours gives the
 fraction. It may be slanted: parabolas down and right alone are wrong by twice as much.
 """
 
@@ -15,6 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 _LEAST = 1e-4  # square of the norm of a part without contrast
+_STANDS_OUT = 0.3  # of the patch's norm, that of a part at least
 _BESIDE = 4  # pixels from the peak: farther, another peak is another place
 _AT_ONCE = 8  # pictures
 _SLANT = 0.9  # of what a peak may be slanted by
@@ -76,8 +78,7 @@ def norms_of(patches: Tensor) -> Tensor:
 
 def find(pictures: Tensor, patches: Tensor) -> Found:
     """Find patches `[K, 3, size, size]`, less their mean, in pictures `[N, 3, h, w]`."""
-    units = (patches / norms_of(patches)).to(pictures)
-    found = [_find(part, units) for part in pictures.split(_AT_ONCE)]
+    found = [_find(part, patches) for part in pictures.split(_AT_ONCE)]
     return Found(*map(torch.cat, zip(*found, strict=True)))
 
 
@@ -100,7 +101,7 @@ def find_within(
     first, last = (torch.minimum(one.clamp(min=0), most) for one in (low.floor(), high.ceil()))
     (top, left), (bottom, right) = first.amin(0).long().tolist(), last.amax(0).long().tolist()
     part = picture[:, :, top : bottom + size, left : right + size]
-    alike = _alike(part, (patches / norms_of(patches)).to(part))
+    alike = _alike(part, patches)
     rows, columns = torch.arange(top, bottom + 1), torch.arange(left, right + 1)
     down = (rows >= first[:, :1]) & (rows <= last[:, :1])
     across = (columns >= first[:, 1:]) & (columns <= last[:, 1:])
@@ -114,7 +115,10 @@ def find_within(
 
 def _alike(pictures: Tensor, patches: Tensor) -> Tensor:
     """Return the correlation with each patch at each place, `[N, K, h', w']`."""
-    return functional.conv2d(pictures, patches) / contrast(pictures, patches.shape[-1])
+    norms = norms_of(patches)
+    own = contrast(pictures, patches.shape[-1])
+    least = _STANDS_OUT * norms.reshape(1, -1, 1, 1)
+    return functional.conv2d(pictures, (patches / norms).to(pictures)) / torch.maximum(own, least)
 
 
 def _find(pictures: Tensor, patches: Tensor) -> Found:

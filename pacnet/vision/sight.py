@@ -15,6 +15,7 @@ from pacnet.vision.encoder import ImageEncoder, Look
 from pacnet.vision.goals import SHARES
 
 _CERTAIN = 1.0  # doubt up to which a look counts
+_LATE = 0.5  # of the frames until the hand may be in the way: it may come sooner than was shown
 
 
 class Seen(NamedTuple):
@@ -34,12 +35,14 @@ class Sight:
     """Looks at the pictures of an episode, one after the other.
 
     A goal is the median of the last looks that were certain, so a bad picture does no harm, and
-    what is moved is seen. Once the hand may be in the way it looks no longer.
+    what is moved is seen. Once the hand may be in the way it looks no longer: after as many frames
+    as were shown, or at the first doubt after half of them.
 
     Args:
         encoders: of the cameras.
         at_once: looks of which the median is taken.
-        until: frames with an action after which the hand may be in the way.
+        until: frames that are seen with certainty, and acted on, after which the hand may be in
+            the way.
     """
 
     def __init__(self, encoders: Sequence[ImageEncoder], at_once: int, until: int) -> None:
@@ -66,9 +69,13 @@ class Sight:
         goals = np.stack([self._take(*one) for one in enumerate(looks)])
         doubts = [float(np.median(own)) for own in self._doubts]
         camera = int(np.argmax(doubts))
+        is_certain = doubts[camera] <= _CERTAIN
+        if self._last is not None and not is_certain and self._frames > _LATE * self._until:
+            self._frames = self._until + 1
+            return self._last
         fused = (self._shares * goals).sum(axis=0).astype(np.float32)
         self._last = Seen(fused, doubts[camera], camera, tuple(looks))
-        self._frames += doubts[camera] <= _CERTAIN
+        self._frames += is_certain
         return self._last
 
     def _take(self, camera: int, look: Look) -> NDArray[np.float32]:

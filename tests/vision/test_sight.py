@@ -71,6 +71,17 @@ def test_what_is_moved_is_seen_until_the_hand_may_be_in_the_way():
     assert seen_by(late, at_once=3, until=9, frames=20)[-1].goals[0] == 2
 
 
+def test_a_doubt_in_the_second_half_is_the_hand_that_came_sooner():
+    """With nine frames: in frame 4 an alarm, in frame 5 it goes on with what it saw before."""
+    early = Script(*[(2, 0.1)] * 4, (50, 9.0))
+    assert max(one.doubt for one in seen_by(early, at_once=1, until=9, frames=20)) == 9
+    late = Script(*[(2, 0.1)] * 5, (50, 9.0))
+    seen = seen_by(late, at_once=1, until=9, frames=20)
+    assert [one.doubt for one in seen] == [0.1] * 20
+    assert seen[-1].goals[0] == 2
+    assert late.asked == 6
+
+
 def test_frames_without_an_action_do_not_count_towards_it():
     script = Script(*[(50, 9.0)] * 6, (2, 0.1))
     seen = seen_by(script, at_once=1, until=2, frames=20)
