@@ -63,7 +63,7 @@ def _light(pictures: Tensor, median: Tensor) -> Tensor:
 
 
 def _moved(picture: Tensor, shift: Tensor) -> Tensor:
-    """Return a picture `[3, h, w]` moved down and right by a shift `[2]`; its border is repeated."""
+    """Return a picture `[3, h, w]` moved down and right by `[2]`; the border is repeated."""
     if not shift.any():
         return picture
     height, width = picture.shape[1:]

@@ -3,8 +3,10 @@
 At each place the patch and the picture's part, both less their mean in each colour, are multiplied
 and divided by their norms (zero-mean normalised cross-correlation): 1 where they are the same, also
 where the light is another. A part that stands out much less than the patch is not it: its norm
-counts as a share of the patch's at least, or noise would be alike to anything. A quadratic through the peak and its eight neighbours gives the
-fraction. It may be slanted: parabolas down and right alone are wrong by twice as much.
+counts as a share of the patch's at least, or noise would be alike to anything.
+
+A quadratic through the peak and its eight neighbours gives the fraction. It may be slanted:
+parabolas down and right alone are wrong by twice as much.
 """
 
 from __future__ import annotations

@@ -19,6 +19,9 @@ FORMAT_VERSION = "v3.0"
 READ_VERSIONS = ("v2.0", "v2.1", FORMAT_VERSION)
 INFO = "meta/info.json"
 VIDEO = "video"  # dtype of a camera whose pictures are in video files
+# Of small pictures all colours are kept: halved, an object of a few pixels is lost.
+ALL_COLOURS, SOME_COLOURS = "yuv444p", "yuv420p"
+SMALL = 256  # pixels of the longer side
 
 # What LeRobot assumes where a dataset does not say it.
 _DEFAULTS = {"chunks_size": 1000, "data_files_size_in_mb": 100, "data_path": DATA_PATH}
@@ -144,7 +147,7 @@ def video_details(shape: Sequence[int], fps: float) -> dict[str, Any]:
         "video.height": height,
         "video.width": width,
         "video.codec": "h264",
-        "video.pix_fmt": "yuv420p",
+        "video.pix_fmt": SOME_COLOURS if max(height, width) > SMALL else ALL_COLOURS,
         "video.is_depth_map": False,
         "video.fps": int(fps),
         "video.channels": channels,

@@ -19,6 +19,7 @@ from pacnet.datasets.format import DatasetError
 from pacnet.datasets.format.clips import Clip
 from pacnet.datasets.format.features import Picture
 from pacnet.datasets.format.file_number import FileNumber
+from pacnet.datasets.format.info import ALL_COLOURS, SMALL, SOME_COLOURS
 from pacnet.datasets.format.shades import Found, Shades
 from pacnet.datasets.pictures.decoders import import_decoder
 from pacnet.datasets.pictures.image_file import decode_image
@@ -26,7 +27,7 @@ from pacnet.datasets.pictures.image_file import decode_image
 # A key frame in every second frame, as LeRobot has it, to read frames in any order.
 _OPTIONS = {"g": "2", "crf": "18"}
 # Of small pictures nothing is averaged away afterwards, and an object of a few pixels is lost.
-_SMALL, _SMALL_OPTIONS = 256, {"g": "2", "crf": "10"}  # pixels of the longer side
+_SMALL_OPTIONS = {"g": "2", "crf": "10"}
 _AV1_OPTIONS = {"g": "2", "crf": "30", "preset": "10"}
 _COUNTED = 100  # frames of an episode, at most, whose shades are counted
 _MEGABYTES = 200  # of a file, where the dataset does not say it
@@ -48,7 +49,8 @@ class VideoFiles(AbstractContextManager["VideoFiles"]):
         Args:
             info: description of the dataset.
             picture: size of the pictures.
-            entry: the camera's part of the description; new files get the codec of the old ones.
+            entry: the camera's part of the description; new files get the codec and the
+                colours of the old ones.
             first: number of the first new file.
             place: called with a file's number, returns where to write it.
         """
@@ -56,6 +58,8 @@ class VideoFiles(AbstractContextManager["VideoFiles"]):
         self._info, self._picture, self._place, self._number = info, picture, place, first
         details = entry.get("info") or entry.get("video_info") or {}
         self._is_av1 = details.get("video.codec") == "av1"
+        keeps_all = details.get("video.pix_fmt") == ALL_COLOURS and not self._is_av1
+        self._colours = ALL_COLOURS if keeps_all else SOME_COLOURS
         self._rate = Fraction(info["fps"]).limit_denominator(10**6)
         self._path: Path | None = None
         self._frames = 0  # of the open file
@@ -109,12 +113,12 @@ class VideoFiles(AbstractContextManager["VideoFiles"]):
             os.environ.setdefault("SVT_LOG", "1")  # errors alone
         self._container = self._av.open(f"file:{path}", "w", format="mp4")
         name = "libsvtav1" if self._is_av1 else "libx264"
-        small = max(self._picture.height, self._picture.width) <= _SMALL
+        small = max(self._picture.height, self._picture.width) <= SMALL
         h264 = _SMALL_OPTIONS if small else _OPTIONS
         options = _AV1_OPTIONS if self._is_av1 else h264
         self._stream = self._container.add_stream(name, self._rate, options)
         self._stream.height, self._stream.width = self._picture.height, self._picture.width
-        self._stream.pix_fmt = "yuv420p"
+        self._stream.pix_fmt = self._colours
         self._frames = 0
 
     def _decoded(self, content: bytes) -> NDArray[np.uint8]:
