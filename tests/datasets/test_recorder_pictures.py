@@ -7,6 +7,7 @@ import sys
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
+import av
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -26,6 +27,7 @@ FEATURES = {
     TOP: Picture(64, 96),  # AV1 takes no less than 64
     WRIST: Picture(64, 64),
 }
+RED = (200, 30, 30)
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
 
@@ -73,6 +75,44 @@ def test_what_is_recorded_is_read(tmp_path: Path):
     entry = json.loads((tmp_path / "new/meta/info.json").read_text())["features"][TOP]
     assert (entry["dtype"], entry["shape"]) == ("video", [64, 96, 3])
     assert entry["info"]["video.codec"] == "h264"
+
+
+def colours_of(root: Path) -> str:
+    """Return what meta/info.json says of a camera's colours."""
+    return json.loads((root / "meta/info.json").read_text())["features"][WRIST]["info"][
+        "video.pix_fmt"
+    ]
+
+
+def test_the_colour_of_a_small_thing_is_kept(tmp_path: Path):
+    """Three pixels of red; with halved colours their mean is off by 50 and more."""
+    frames = episode(0)
+    frames[WRIST][:, 30:33, 31:34] = RED
+    with Recorder(tmp_path / "new", 10, FEATURES) as recorder:
+        recorder.save_episode("look", frames)
+    (shown,) = load_demonstrations(tmp_path / "new", cameras="all")
+    seen = shown.pictures[WRIST][:, 30:33, 31:34].mean(axis=(0, 1, 2))
+    np.testing.assert_allclose(seen, RED, atol=20)
+    assert colours_of(tmp_path / "new") == "yuv444p"
+
+
+def test_large_pictures_are_as_everybody_plays_them(tmp_path: Path):
+    with Recorder(tmp_path / "new", 10, FEATURES | {WRIST: Picture(64, 258)}) as recorder:
+        recorder.save_episode("look", episode(0) | {WRIST: np.zeros((5, 64, 258, 3), np.uint8)})
+    assert colours_of(tmp_path / "new") == "yuv420p"
+
+
+def test_a_dataset_keeps_its_colours(tmp_path: Path):
+    """Of a dataset that others began: what it says of its videos stays true."""
+    record(tmp_path / "new", 0)
+    path = tmp_path / "new/meta/info.json"
+    path.write_text(path.read_text().replace("yuv444p", "yuv420p"))
+    record(tmp_path / "new", 1)
+    found = []
+    for name in ("file-000.mp4", "file-001.mp4"):
+        with av.open(tmp_path / "new/videos" / TOP / "chunk-000" / name) as file:
+            found.append(file.streams.video[0].codec_context.pix_fmt)
+    assert found == ["yuv444p", "yuv420p"]
 
 
 def test_frame_by_frame(tmp_path: Path):
