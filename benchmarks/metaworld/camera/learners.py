@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Protocol
 
-from benchmarks.metaworld.camera import act, baselines
+from benchmarks.metaworld.camera import act, baselines, pretrained
 from benchmarks.metaworld.camera.recording import CAMERA
 from benchmarks.metaworld.camera.world import Picture
 from benchmarks.metaworld.features import Array
@@ -97,6 +97,7 @@ LEARNERS: dict[str, Callable[[], Seeing]] = {
     "state": partial(Imitating, None),
     "patches": partial(Imitating, "patches"),
     "pca": partial(Imitating, "pca"),
+    "pretrained": partial(Imitating, pretrained.KIND),
     "nearest": baselines.NearestGoals,
     "pixels": baselines.Pixels,
     "bc": baselines.BehaviourCloning,
@@ -109,6 +110,7 @@ TITLES = {
     "state": "state alone",
     "patches": "`patches`",
     "pca": "`pca`",
+    "pretrained": "`pretrained`",
     "nearest": "1-NN of what it tells",
     "pixels": "1-NN of pixels",
     "bc": "BC",

@@ -26,7 +26,8 @@ demonstrate with noise of {NOISE:g} on each action, draw d from seed {SHOWN_SEED
 then things lie elsewhere, in episode e as seed {SEEDS:,} + {EPISODES:,} d + e decides. Success:
 share of the episodes in which Metaworld says so within {HORIZON} steps, over {{ours}} for
 {" and ".join(TITLES[name] for name in OURS)}, over {{others}} for the others. `patches` and `pca`
-are the imitator with that kind of encoder; it chooses by itself otherwise. Of the baselines, replay
+are the imitator with that kind of encoder; it chooses by itself otherwise; `pretrained` has the
+lower part of EfficientNet-lite0, trained on ImageNet by others. Of the baselines, replay
 repeats the demonstration whose first picture is nearest; shifted replay follows the hand's path of
 a demonstration, shifted to where the first picture's principal components tell it to go; 1-NN, BC
 and ACT (LeRobot's, small, nothing pretrained, trained for 150 s on two cores with
