@@ -286,7 +286,7 @@ class Imitator(ImitatorState):
             told = cameras.goals_shown()
         last = self._warped
         if last is None or not last.is_of(known.shown, known.allowed, told, goals):
-            last = warp(known.shown, known.allowed, told, goals, self.config)
+            last = warp(known.shown, known.allowed, told, goals, self.reports, self.config)
             self._warped = last
         return known._replace(shown=last.shown, allowed=last.nearest)
 
