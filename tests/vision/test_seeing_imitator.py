@@ -201,7 +201,8 @@ def test_cameras_that_tell_something_else_are_refused(trained: Imitator):
     assert config.cameras is not None
     other = replace(config.cameras, hand=("x", "z"))
     percepts = {name: config.percepts[name] for name in reversed(config.percepts)}
-    for change in ({"cameras": other}, {"percepts": percepts}, {"cameras": "top"}):
+    changes = {"cameras": other}, {"percepts": percepts}, {"cameras": "top"}, {"frames": None}
+    for change in changes:
         with pytest.raises(ValueError, match=r"expected ImitatorConfig\.(cameras|state)"):
             replace(config, **change)
 
