@@ -243,6 +243,9 @@ def corrupted(encoder: ImageEncoder, name: str, value: float) -> dict[str, Tenso
         ("patches", "seen.rows.patch", float("nan")),
         ("patches", "seen.rows.low", 1e9),
         ("patches", "seen.rows.high", float("inf")),
+        ("patches", "seen.reference.rows.place", -1.0),
+        ("patches", "seen.reference.rows.place", float("nan")),
+        ("patches", "seen.reference.rows.place", HEIGHT - 10.0),
         ("patches", "seen.rows.worst", 0.0),
         ("pca", "seen.rows.component", float("nan")),
         ("pca", "seen.centre", float("inf")),
@@ -256,6 +259,16 @@ def test_a_corrupted_state_is_refused_and_nothing_changes(kind: str, name: str, 
         encoder.load_state_dict(corrupted(encoder, name, value))
     for key, tensor in encoder.state_dict().items():
         assert torch.equal(tensor, before[key])
+
+
+@pytest.mark.parametrize("places", [(-30.0, -20.0), (HEIGHT, HEIGHT + 9.0)])
+def test_patches_that_are_looked_for_beside_the_picture_are_refused(places: tuple[float, float]):
+    encoder = copy.deepcopy(fitted("patches", 5))
+    tensors = encoder.state_dict()
+    for name, value in zip(("low", "high"), places, strict=True):
+        tensors = {**tensors, f"seen.rows.{name}": torch.full_like(tensors["seen.rows.low"], value)}
+    with pytest.raises(ValueError, match="expected places in the picture"):
+        encoder.load_state_dict(tensors)
 
 
 @pytest.mark.parametrize("kind", TELLING)
