@@ -203,7 +203,8 @@ class Imitator(ImitatorState):
                     progress(len(shown.state))
         finally:
             if self._looking is not None:
-                self._looking.learn(whole, hands, first, len(self.reports))
+                rows = self.memory.demonstrations.live("rows").numpy()
+                self._looking.learn(whole, hands, first, rows > 0)
         return reports
 
     def step(
@@ -224,7 +225,7 @@ class Imitator(ImitatorState):
                 changed.
         """
         percept = self._checked(percept)
-        known = self._latest()
+        known = self._latest()  # a new state begins a new episode, which is to keep what it sees
         if self._looking is not None:
             seen = self._looking(pictures)
             if seen.doubt > 1:
@@ -422,7 +423,7 @@ class Imitator(ImitatorState):
                 self._buffers["first_action"] = first_action
                 self.reports.append(report)
                 if draft.renumbered:
-                    self._begin_again()
+                    self._forget_derived()
                 elif self._known is not None:
                     self._known = self._take()
         return report

@@ -112,22 +112,25 @@ class Looking:
         """Return demonstrations as they are perceived while acting; see `Imitator.seen`."""
         return self._cameras.seen(demonstrations) if self._config.tells_places else demonstrations
 
-    def learn(self, whole: Demonstrations, hands: Hands, first: int, end: int) -> None:
-        """Let the cameras learn from the whole demonstrations that were learned.
+    def learn(
+        self, whole: Demonstrations, hands: Hands, first: int, kept: NDArray[np.bool_]
+    ) -> None:
+        """Let the cameras remember how the whole demonstrations that were learned began.
 
         Args:
             whole: as they came, of which a part may have been learned.
             hands: where the hand is in them, as `perceived` returned it.
             first: number of the first one's report.
-            end: how many reports there are.
+            kept: whether anything is kept of each demonstration learned, now or before, `[E]`.
         """
         numbers = first + np.cumsum([0, *(len(shown.gaps) + 1 for shown in whole)])
-        learned = int(np.searchsorted(numbers[1:], end, side="right"))
+        learned = int(np.searchsorted(numbers[1:], len(kept), side="right"))
         if learned == 0:
             return
         with self._learning, torch.inference_mode(False):
             draft = draft_of(self._cameras)
             part = replace(whole, episodes=whole.episodes[:learned])
             draft.add(part, hands[:learned], numbers[:learned].tolist())
+            draft.keep(kept)
             with self._state:
                 adopt(self._cameras, draft)

@@ -129,8 +129,9 @@ def _nearest(
         parts: of the N episodes that goals are told of.
         apart: by how much these differ from the goals now, `[N, G, S]`.
     """
-    first = np.array([part[0] for part in parts], np.int64)
-    usable = np.flatnonzero(allowed[first] & ~shown.correction[first])
+    first, end = np.array(parts, np.int64).reshape(-1, 2).T
+    kept = shown.first[end] > shown.first[first]
+    usable = np.flatnonzero(allowed[first] & ~shown.correction[first] & kept)
     if len(usable) == 0:
         return allowed
     best = usable[np.square(apart[usable]).sum(axis=(1, 2)).argmin()]

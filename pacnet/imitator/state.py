@@ -134,7 +134,13 @@ class ImitatorState(nn.Module):
         return Scene(np.stack(places), np.stack(turns))
 
     def _begin_again(self) -> None:
-        """Forget what was derived from the state, which has changed."""
+        """Begin a new recall episode with a state that has changed."""
+        self._forget_derived()
+        if self._looking is not None:
+            self._looking.reset()
+
+    def _forget_derived(self) -> None:
+        """Forget what was derived from demonstrations, and where an episode is in them."""
         config = self.config
         recent = config.scaling.recent(config.fps)
         self.follower = Follower(recent, config.scaling.change_ratio, config.fps)
@@ -144,8 +150,6 @@ class ImitatorState(nn.Module):
             actions = len(config.action)
             self._framed_follower = FramedFollower(self.frames.config, actions, config.fps)
         self._scale = config.scaling.array
-        if self._looking is not None:
-            self._looking.reset()
         self._known: Known | None = None
         self._versions: BufferVersions | None = None  # of the state that the follower refers to
 
@@ -160,7 +164,7 @@ class ImitatorState(nn.Module):
     def _current(self) -> Known:
         """Return what is known now; no thread may be changing it."""
         versions = self._versions
-        if versions is None or not versions.unchanged():
+        if versions is not None and not versions.unchanged():
             self._begin_again()  # rows may be others now
         known = self._known
         if known is None:
