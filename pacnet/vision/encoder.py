@@ -14,7 +14,7 @@ from pacnet.vision.backbones import backbone_of
 from pacnet.vision.config import NONE, PATCHES, ImageEncoderConfig, Told
 from pacnet.vision.goals import SHARES
 from pacnet.vision.patches import Patches
-from pacnet.vision.projection import Projection
+from pacnet.vision.projection import Projection, disturbed
 from pacnet.vision.readout import Readout
 from pacnet.vision.regression import left_out_of_mean
 
@@ -149,7 +149,9 @@ class ImageEncoder(nn.Module):
         if isinstance(self.seen, Patches):
             features, choice = self.seen.fit(pictures, later, goals / scale)
         else:
-            features, choice = self.seen.fit(self._features(pictures), goals / scale)
+            features = self._features(pictures)
+            noise = (self._features(disturbed(pictures)) - features).square().mean().item()
+            features, choice = self.seen.fit(features, goals / scale, noise)
         error = _distance(self.readout.fit(features, goals))
         self.quality = self.quality.new_tensor([error, alone, choice.chance])
 
