@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
+from functools import partial
 from operator import index
 from typing import Any, Literal
 
@@ -27,7 +28,6 @@ from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.checks import check_demonstrations
-from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.followed_step import followed_step
 from pacnet.imitator.forward_model import fit
 from pacnet.imitator.framed_step import framed_step
@@ -39,7 +39,6 @@ from pacnet.imitator.records import EpisodeReport, ImitatorStep, task_name
 from pacnet.imitator.seeing import Hands, see
 from pacnet.imitator.state import ImitatorState, Known
 from pacnet.kernels.engine import Engine
-from pacnet.vision.cameras import Cameras
 from pacnet.vision.fitting import CameraReport
 
 _END = 0.1  # [s] before the last frame of a demonstration, from which it is done
@@ -122,12 +121,7 @@ class Imitator(ImitatorState):
                 few frames where a forward model has to find them, points that are none here, or a
                 body whose angles are not among percepts and actions.
         """
-
-        def settings(
-            shown: Demonstrations, points: PointsChoice, cameras: Cameras | None
-        ) -> ImitatorConfig:
-            return choose_settings(shown, targets, lead, budget, points, body, cameras)
-
+        settings = partial(choose_settings, targets=targets, lead=lead, budget=budget, body=body)
         seeing = see(demonstrations, points, body, encoder, settings)
         imitator = cls(seeing.config, engine)
         imitator.camera_reports = seeing.reports
