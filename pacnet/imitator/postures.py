@@ -71,14 +71,16 @@ def see_postures(
         config: of an imitator without frames of reference.
         encoder: see `fit_cameras`.
     """
-    follows = [dimension for dimension in config.follows if dimension >= 0]
-    if config.targets != "action" or not follows:
-        warnings.warn(
-            "cameras are not used: actions are neither places of the robot's state nor is its hand "
-            "known; name it, with --points hand=observation.state[0:3] (points= in Python)",
-            DatasetWarning,
-            stacklevel=4,
+    reason = None
+    if config.targets != "action":
+        reason = "targets are states"
+    elif max(config.follows) < 0:
+        reason = (
+            "actions are neither places of the robot's state nor is its hand known; name it, with "
+            "--points hand=observation.state[0:3] (points= in Python)"
         )
+    if reason is not None:
+        warnings.warn(f"cameras are not used: {reason}", DatasetWarning, stacklevel=4)
         return None, ()
     hands = postures_of(demonstrations, config)
     return fit_cameras(demonstrations, hands, config.state_names, encoder)

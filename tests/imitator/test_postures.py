@@ -62,6 +62,12 @@ def test_actions_that_are_no_places_leave_the_camera_unused():
     assert made.cameras is None
 
 
+def test_targets_that_are_states_leave_the_camera_unused():
+    with pytest.warns(DatasetWarning, match="cameras are not used: targets are states"):
+        made = Imitator.from_demonstrations(demonstrations(6), targets="state")
+    assert made.cameras is None
+
+
 def at(imitator, place, task=None):
     """The demonstrations that are followed in the first moment."""
     imitator.reset(task)
