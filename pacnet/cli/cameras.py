@@ -66,8 +66,8 @@ def describe_cameras(
         For each camera its `feature`, whether it is `used`, and whether it is in all episodes
         (`everywhere`); the `error` with which it tells where the hand will be, and that without it
         (`alone`), both with each demonstration left out and in the hand's unit, or scaled where
-        postures are told, None where it was not judged; by which `encoder`, and from how many
-        `demonstrations`.
+        postures are told, None where it was not judged; by which `encoder`, and the number of
+        `demonstrations` that began with its pictures, and are kept.
     """
     own = {} if imitator.cameras is None else imitator.cameras.encoders
     used = [

@@ -137,11 +137,17 @@ def _camera_pairs(cameras: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]
     """Return what each camera sees, in words."""
     texts = [
         f"{short_name(one['feature'])}: doubt {one['doubt']:.2f} (new above 1), last looked at "
-        f"{one['looked_at']:.2f} s; as episode {one['remembered']['episode']} of "
-        f"{one['remembered']['dataset']} began"
+        f"{one['looked_at']:.2f} s; {_remembered(one['remembered'])}"
         for one in cameras
     ]
     return [("cameras" if number == 0 else "", text) for number, text in enumerate(texts)]
+
+
+def _remembered(beginning: Mapping[str, Any] | None) -> str:
+    """Return in words which picture is remembered."""
+    if beginning is None:
+        return "no picture is remembered"
+    return f"as episode {beginning['episode']} of {beginning['dataset']} began"
 
 
 def _segment_pairs(segment: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -47,7 +47,7 @@ def describe_sights(
         For each camera its `feature`; the `doubt`, above 1 where the picture is new; when it was
         last `looked_at` [s]; the `boxes` of what is attended to: left, top, right and bottom, in
         shares of the picture; and what is `remembered`: the beginning of an episode, which
-        `is_followed` or else the most alike.
+        `is_followed` or else the most alike, or None where no picture was shown.
     """
     if sights is None or imitator.cameras is None:
         return []
@@ -55,19 +55,13 @@ def describe_sights(
     for (feature, encoder), look in zip(
         imitator.cameras.encoders.items(), sights.seen.looks, strict=True
     ):
-        row, is_followed = _remembered(imitator, encoder, step, look)
-        report = imitator.reports[int(encoder.shown.live("demonstration")[row])]
         described.append(
             {
                 "feature": feature,
                 "doubt": look.doubt,
                 "looked_at": sights.looked_at / fps,
                 "boxes": _shares(encoder, look),
-                "remembered": {
-                    "dataset": report.dataset,
-                    "episode": report.episode,
-                    "is_followed": is_followed,
-                },
+                "remembered": _beginning(imitator, encoder, step, look),
             }
         )
     return described
@@ -90,24 +84,38 @@ def draw(
     for (feature, encoder), look, camera in zip(
         imitator.cameras.encoders.items(), sights.seen.looks, document["cameras"], strict=True
     ):
-        row, _ = _remembered(imitator, encoder, step, look)
-        before = encoder.shown.live("picture")[row]
-        pixels = np.array(sights.shown.pictures[feature][-1])
+        pixels, remembered = np.array(sights.shown.pictures[feature][-1]), None
+        if camera["remembered"] is not None:
+            row, _ = _remembered(imitator, encoder, step, look)
+            before = encoder.shown.live("picture")[row]
+            boxes = _shares(encoder, encoder.look(before))
+            remembered = Picture(before.numpy(), boxes, _then(camera["remembered"]))
         sightings.append(
             Sighting(
                 short_name(feature),
                 Picture(pixels, camera["boxes"], _now(document), look.doubt <= 1),
-                Picture(before.numpy(), _shares(encoder, encoder.look(before)), _then(camera)),
+                remembered,
                 _about(camera, document),
             )
         )
     beside_remembered(sightings, _headline(document), _way(document)).savefig(file)
 
 
+def _beginning(
+    imitator: Imitator, encoder: ImageEncoder, step: ImitatorStep, look: Look
+) -> dict[str, Any] | None:
+    """Return of which episode a picture is remembered, for JSON; None without any picture."""
+    if len(encoder.shown) == 0:
+        return None
+    row, is_followed = _remembered(imitator, encoder, step, look)
+    report = imitator.reports[int(encoder.shown.live("demonstration")[row])]
+    return {"dataset": report.dataset, "episode": report.episode, "is_followed": is_followed}
+
+
 def _remembered(
     imitator: Imitator, encoder: ImageEncoder, step: ImitatorStep, look: Look
 ) -> tuple[int, bool]:
-    """Return the row of the picture that is remembered, and whether its episode is followed."""
+    """Return the row of the picture that is remembered, of some, and whether that is followed."""
     numbers = encoder.shown.live("demonstration")
     if step.followed:
         reports, followed = imitator.reports, step.followed[0].demonstration
@@ -132,8 +140,7 @@ def _now(document: dict[str, Any]) -> str:
     )
 
 
-def _then(camera: dict[str, Any]) -> str:
-    before = camera["remembered"]
+def _then(before: dict[str, Any]) -> str:
     which = "remembered, and followed" if before["is_followed"] else "remembered, the most alike"
     return f"{which}\nbeginning of episode {before['episode']} of {before['dataset']}"
 

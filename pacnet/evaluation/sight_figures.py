@@ -39,7 +39,8 @@ class Sighting(NamedTuple):
 
     camera: str
     now: Picture
-    remembered: Picture
+    remembered: Picture | None
+    """None where none is."""
     about: str
     """How alike they are, in words."""
 
@@ -66,7 +67,11 @@ def beside_remembered(sightings: Sequence[Sighting], headline: str, words: str) 
     rows = figure.subplots(len(sightings), 2, squeeze=False, height_ratios=heights)
     for (left, right), one in zip(rows, sightings, strict=True):
         _draw(left, one.now)
-        _draw(right, one.remembered)
+        if one.remembered is None:
+            right.set_axis_off()
+            right.set_title("no picture is remembered", fontsize=9, loc="left")
+        else:
+            _draw(right, one.remembered)
         left.set_xlabel(
             wrapped(f"{one.camera}, {one.about}", _TEXT_WIDTH), loc="left", size=LABEL_SIZE
         )

@@ -31,12 +31,13 @@ WINNER_TAU = 0.1  # [s] a winner is fully habituated after three times as long
 
 def choose_settings(
     demonstrations: Demonstrations,
+    points: PointsChoice,
+    cameras: Cameras | None,
+    *,
     targets: Literal["action", "state"],
     lead: int,
     budget: int | None,
-    points: PointsChoice,
     body: KinematicModel | None,
-    cameras: Cameras | None = None,
 ) -> ImitatorConfig:
     """Return settings for these demonstrations; see `Imitator.from_demonstrations`."""
     _check_features(demonstrations)

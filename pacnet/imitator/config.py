@@ -129,9 +129,9 @@ class ImitatorConfig:
             return True
         if not isinstance(cameras, CamerasConfig):
             return False
-        if CAMERAS in self.percepts:
+        if self.tells_places:
             return [*self.percepts.items()][-1] == (CAMERAS, cameras.names)
-        return cameras.hand == self.state_names
+        return CAMERAS not in self.percepts and cameras.hand == self.state_names
 
     def _fits(self, frames: object) -> bool:
         """Return whether frames are of these percepts and actions, none of which are dropped."""
@@ -157,15 +157,16 @@ class ImitatorConfig:
     @property
     def perceived(self) -> dict[str, tuple[str, ...]]:
         """The features of a percept without what cameras tell, and their dimensions."""
-        return {name: parts for name, parts in self.percepts.items() if name != CAMERAS}
+        told = CAMERAS if self.tells_places else None
+        return {name: parts for name, parts in self.percepts.items() if name != told}
 
     @property
     def tells_places(self) -> bool:
         """Whether what cameras tell is a part of the percept: where the hand will be.
 
-        Otherwise they tell postures, to which demonstrations are warped.
+        Without frames of reference they tell postures, to which demonstrations are warped.
         """
-        return self.cameras is not None and CAMERAS in self.percepts
+        return self.cameras is not None and self.frames is not None
 
     @property
     def perceived_dimensions(self) -> int:

@@ -6,9 +6,9 @@ forward model. One rule decides whether it acts: it does unless the percept is n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from functools import partial
 from operator import index
 from typing import Any, Literal
 
@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pacnet.attention.records import NO_NODE
-from pacnet.competition.following import State
 from pacnet.competition.recognition import Recognition
-from pacnet.core.drafts import adopt, draft_of, short_switch_interval, snapshot_of
+from pacnet.core.drafts import short_switch_interval, snapshot_of
 from pacnet.core.growable_rows import check_storage
 from pacnet.core.interrupts import defer_sigint
 from pacnet.core.old_names import warn_renamed
@@ -28,23 +27,19 @@ from pacnet.core.validation import MAX_VALUE, check_row
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.auto_config import choose_settings
-from pacnet.imitator.checks import check_demonstrations, check_pictured
+from pacnet.imitator.checks import check_demonstrations
+from pacnet.imitator.followed_step import followed_step
 from pacnet.imitator.forward_model import fit
 from pacnet.imitator.framed_step import framed_step
-from pacnet.imitator.learning import Draft, how_begins
+from pacnet.imitator.learning import Draft, how_begins, mean_first_action, targets_of
 from pacnet.imitator.novelty import NOVEL
 from pacnet.imitator.points import PointsChoice
-from pacnet.imitator.postures import postures_of, see_postures, warp
 from pacnet.imitator.recognizing import recognizer_of
-from pacnet.imitator.records import EpisodeReport, Followed, ImitatorStep, task_name
-from pacnet.imitator.seeing import Hands, hands_of, place_of_hand, see
+from pacnet.imitator.records import EpisodeReport, ImitatorStep, task_name
+from pacnet.imitator.seeing import Hands, see
 from pacnet.imitator.state import ImitatorState, Known
 from pacnet.kernels.engine import Engine
-from pacnet.schemas.targets import targets_ahead
-from pacnet.vision.cameras import Cameras
-from pacnet.vision.config import NONE
 from pacnet.vision.fitting import CameraReport
-from pacnet.vision.sight import Seen
 
 _END = 0.1  # [s] before the last frame of a demonstration, from which it is done
 
@@ -126,22 +121,12 @@ class Imitator(ImitatorState):
                 few frames where a forward model has to find them, points that are none here, or a
                 body whose angles are not among percepts and actions.
         """
-        seeing = see(demonstrations, points, body, encoder)
-        config = choose_settings(
-            seeing.demonstrations, targets, lead, budget, seeing.points, body, seeing.cameras
-        )
-        cameras, reports = seeing.cameras, seeing.reports
-        has_pictures = any(shown.pictures for shown in demonstrations)
-        told_nothing = bool(reports) and cameras is None  # not even a place
-        if has_pictures and config.frames is None and encoder != NONE and not told_nothing:
-            if seeing.cameras is not None:  # settings of places that are no use
-                config = choose_settings(demonstrations, targets, lead, budget, None, None)
-            cameras, reports = see_postures(demonstrations, config, encoder)
-            config = replace(config, cameras=None if cameras is None else cameras.config)
-        imitator = cls(config, engine)
-        imitator.camera_reports = reports
-        if cameras is not None and imitator.cameras is not None:
-            imitator.cameras.load_state_dict(cameras.state_dict())
+        settings = partial(choose_settings, targets=targets, lead=lead, budget=budget, body=body)
+        seeing = see(demonstrations, points, body, encoder, settings)
+        imitator = cls(seeing.config, engine)
+        imitator.camera_reports = seeing.reports
+        if seeing.cameras is not None and imitator.cameras is not None:
+            imitator.cameras.load_state_dict(seeing.cameras.state_dict())
         if body is not None and imitator.frames is not None:
             imitator.frames.take_body(body)
         return imitator
@@ -189,9 +174,10 @@ class Imitator(ImitatorState):
         first, actions = check_storage("first_action", self.first_action), len(self.config.action)
         if first.shape != (actions,):
             raise ValueError(f"expected a first action [{actions}], got {list(first.shape)}")
-        hands = self._hands(demonstrations)
-        if self.cameras is not None and self.config.tells_places:
-            demonstrations = self.cameras.with_goals(demonstrations, hands)
+        hands: Hands = []
+        if self._looking is not None:
+            body = None if self.frames is None else self.frames.body
+            demonstrations, hands = self._looking.perceived(demonstrations, body)
         whole = demonstrations
         check_demonstrations(demonstrations, self.config, self.sofm)
         if not self.training:
@@ -210,8 +196,9 @@ class Imitator(ImitatorState):
                 if progress is not None:
                     progress(len(shown.state))
         finally:
-            if self.cameras is not None:
-                self._look_at(whole, hands, first)
+            if self._looking is not None:
+                rows = self.memory.demonstrations.live("rows").numpy()
+                self._looking.learn(whole, hands, first, rows > 0)
         return reports
 
     def step(
@@ -231,125 +218,39 @@ class Imitator(ImitatorState):
             ValueError: wrong shape or dtype, not finite, or a camera without a picture; nothing has
                 changed.
         """
-        percept = check_row("percept", percept, self.config.perceived_dimensions)
+        percept = self._checked(percept)
         known = self._latest()  # a new state begins a new episode, which is to keep what it sees
+        if self._looking is not None:
+            seen = self._looking(pictures)
+            if seen.doubt > 1:
+                return self._looking.unseen(seen)
+            if self.config.tells_places:
+                percept = np.concatenate([percept, seen.goals])
+            else:
+                bent = self._looking.warped(known.shown, known.allowed, self.reports, seen)
+                known = known._replace(shown=bent.shown, allowed=bent.nearest)
+        end = _END * self.config.fps
+        if known.framed is not None and self.frames is not None:
+            names = self.config.point_dimensions
+            return framed_step(percept, known.framed, self.frames.config, names, end)
+        scaled = percept * self._scale
+        return followed_step(percept, scaled, known, self.config, self.forward_model, end)
+
+    def _checked(self, percept: NDArray[np.float32] | Tensor) -> NDArray[np.float32]:
+        """Return a percept, without what cameras tell, of which no number is too large."""
+        percept = check_row("percept", percept, self.config.perceived_dimensions)
         with np.errstate(over="ignore"):  # refused below
-            scaled = percept * self._scale[: len(percept)]
-        if not np.abs(scaled).max() <= MAX_VALUE:  # NaN is not
+            largest = np.abs(percept * self._scale[: len(percept)]).max()
+        if not largest <= MAX_VALUE:  # NaN is not
             raise ValueError(
                 f"expected a finite percept within ±{MAX_VALUE:g}, scaled, got {percept.tolist()}"
             )
-        goals = None
-        if self.cameras is not None:
-            seen = self._see(pictures)
-            if seen.doubt > 1:
-                return _unseen(seen, self.cameras.features)
-            goals = seen.goals
-            if self.config.tells_places:
-                percept = np.concatenate([percept, goals])
-                scaled = percept * self._scale
-        if known.framed is not None and self.frames is not None:
-            end = _END * self.config.fps
-            names = self.config.point_dimensions
-            return framed_step(percept, known.framed, self.frames.config, names, end)
-        if self.cameras is not None and goals is not None:
-            known = self._warp(known, self.cameras, goals)
-        return self._step(percept, scaled, known)
+        return percept
 
     @property
     def is_looking(self) -> bool:
         """Whether the next step looks at pictures; later in an episode the hand is in the way."""
-        return self.cameras is not None and (self._sight is None or self._sight.last is None)
-
-    def _see(self, pictures: object) -> Seen:
-        """Return what the cameras tell in this episode by now."""
-        assert self.cameras is not None
-        with self.state_lock:
-            sight = self._sight or self.cameras.begin()
-        seen = sight.last or sight(self.cameras.checked(pictures))
-        self._sight = sight
-        return seen
-
-    def _hands(self, demonstrations: Demonstrations) -> Hands:
-        """Return where the hand is in each demonstration, or its posture; none without cameras."""
-        if self.cameras is None:
-            return []
-        check_pictured(demonstrations, self.config)
-        if not self.config.tells_places:
-            return postures_of(demonstrations, self.config)
-        body = None if self.frames is None else self.frames.body
-        return hands_of(demonstrations, place_of_hand(self.config), body)
-
-    def _warp(self, known: Known, cameras: Cameras, goals: NDArray[np.float32]) -> Known:
-        """Return what is known, with the goals that the cameras tell."""
-        with self.state_lock:  # another thread may be learning
-            told = cameras.goals_shown()
-        last = self._warped
-        if last is None or not last.is_of(known.shown, known.allowed, told, goals):
-            last = warp(known.shown, known.allowed, told, goals, self.config)
-            self._warped = last
-        return known._replace(shown=last.shown, allowed=last.nearest)
-
-    def _look_at(self, whole: Demonstrations, hands: Hands, first: int) -> None:
-        """Let the cameras learn from the whole demonstrations that were learned.
-
-        Args:
-            whole: as they came, of which a part may have been learned.
-            hands: where the hand is in them.
-            first: number of the first one's report.
-        """
-        assert self.cameras is not None
-        numbers = first + np.cumsum([0, *(len(shown.gaps) + 1 for shown in whole)])
-        learned = int(np.searchsorted(numbers[1:], len(self.reports), side="right"))
-        episodes = whole.episodes[:learned]
-        if not episodes:
-            return
-        with self.learning_lock, torch.inference_mode(False):
-            draft = draft_of(self.cameras)
-            part = replace(whole, episodes=episodes)
-            draft.add(part, hands[:learned], numbers[:learned].tolist())
-            with self.state_lock:
-                adopt(self.cameras, draft)
-
-    def _step(
-        self, percept: NDArray[np.float32], scaled: NDArray[np.float32], known: Known
-    ) -> ImitatorStep:
-        """Return the action without frames of reference."""
-        from pacnet.competition.following_kernels import follow  # imports numba
-
-        shown, state = known.shown, known.state
-        wanted = np.empty(self.config.target_dimensions)
-        follow(scaled, shown, known.allowed, state, known.settings, known.correction, wanted)
-        nearest, heaviest = state.nearest.item(), state.heaviest.item()
-        score = known.detector.score(scaled, None if nearest < 0 else shown.percepts[nearest])
-        is_novel = not score.novelty <= NOVEL  # NaN, which cannot be compared, counts as novel
-        target = None if heaviest < 0 else wanted.astype(np.float32)
-        action = None if target is None else self._action(percept, target)
-        unit = known.correction.unit[score.dimension].item()
-        return ImitatorStep(
-            None if is_novel else action,
-            is_novel,
-            score.novelty,
-            self.percept_names[score.dimension],
-            score.deviation * unit,
-            score.threshold * unit,
-            state.progress.item(),
-            heaviest >= 0 and _is_at_end(known, state, heaviest, self.config.fps),
-            _followed(known, state),
-            target,
-        )
-
-    def _action(
-        self, percept: NDArray[np.float32], target: NDArray[np.float32]
-    ) -> NDArray[np.float32] | None:
-        model, config = self.forward_model, self.config
-        if model is None:
-            return target
-        size = config.state_dimensions
-        action = model.command_one(percept[:size], target[:size])
-        if action is not None:
-            action[list(config.still_actions)] = target[size:]
-        return action
+        return self._looking is not None and self._looking.is_on
 
     def warm_up(self) -> None:
         """Trigger JIT compilation, which takes seconds, then start a new recall episode."""
@@ -358,7 +259,7 @@ class Imitator(ImitatorState):
             shown = self._latest().shown
             percept = shown.percepts[0] if len(shown.percepts) else np.zeros_like(self._scale)
             percept = (percept / self._scale)[: self.config.perceived_dimensions]
-            pictures = None if self.cameras is None else self.cameras.pictures_shown()
+            pictures = None if self._looking is None else self._looking.pictures()
             for _ in range(2):  # the second is compared with the first
                 self.step(percept, pictures)
         self.reset(task)
@@ -375,9 +276,7 @@ class Imitator(ImitatorState):
         Raises:
             ValueError: an episode lacks a camera, or its pictures have another aspect.
         """
-        if self.cameras is None or not self.config.tells_places:
-            return demonstrations
-        return self.cameras.seen(demonstrations)
+        return demonstrations if self._looking is None else self._looking.seen(demonstrations)
 
     def follow(self, shown: Demonstration) -> Iterator[ImitatorStep]:
         """Yield the step at each frame of an episode, going on from the last call of `step`.
@@ -416,7 +315,8 @@ class Imitator(ImitatorState):
             if known is not None:
                 self._known = self._take()
             self.follower.reset()
-            self._sight = None
+            if self._looking is not None:
+                self._looking.reset()
             if self._framed_follower is not None:
                 self._framed_follower.reset()
             self.novelty_detector.reset()
@@ -461,14 +361,6 @@ class Imitator(ImitatorState):
             torch.where(attention.novelty, NO_NODE, attention.winner),
         )
 
-    def _targets(self, shown: Demonstration) -> Tensor:
-        """Return what is stored of a demonstration, `[T, A]`."""
-        config = self.config
-        if config.targets == "action":
-            return shown.action
-        ahead = targets_ahead(shown.state, config.lead)
-        return torch.cat([ahead, shown.action[:, list(config.still_actions)]], dim=1)
-
     def _largest_novelty(
         self, percepts: Tensor, known: Known, without: float | None
     ) -> float | None:
@@ -483,15 +375,6 @@ class Imitator(ImitatorState):
             return without
         return float(self.frames.novelty(percepts.numpy(), known.framed.bounds).max())
 
-    def _mean_first_action(self, shown: Demonstration) -> Tensor:
-        """Return the mean first action `[U]` once this demonstration is learned."""
-        starts = [report.first_frame == 0 for report in self.reports if not report.correction]
-        if any(starts) and shown.first_frame > 0:
-            return self.first_action
-        before = sum(starts) if shown.first_frame == 0 else len(starts)
-        mean = self.first_action if before else torch.zeros_like(self.first_action)
-        return mean + (shown.action[0] - mean) / (before + 1)
-
     def _learn_one(
         self, demonstrations: Demonstrations, shown: Demonstration, correction: bool
     ) -> EpisodeReport:
@@ -505,7 +388,7 @@ class Imitator(ImitatorState):
                 )
             if draft.frames is not None:
                 draft.frames.fit(demonstrations)
-            targets = self._targets(shown)
+            targets = targets_of(shown, config)
             tasks, name = self.tasks, task_name(shown.task)
             task = tasks.index(name) if name in tasks else len(tasks)
             begins = how_begins(
@@ -514,7 +397,9 @@ class Imitator(ImitatorState):
             observed, novelty = draft.learn(
                 shown.percepts, targets.numpy(), task, correction, config, begins
             )
-            first_action = self.first_action if correction else self._mean_first_action(shown)
+            first_action = self.first_action
+            if not correction:
+                first_action = mean_first_action(first_action, self.reports, shown)
             report = EpisodeReport(
                 demonstrations.source,
                 index(shown.episode),
@@ -532,29 +417,7 @@ class Imitator(ImitatorState):
                 self._buffers["first_action"] = first_action
                 self.reports.append(report)
                 if draft.renumbered:
-                    self._begin_again()
+                    self._forget_derived()
                 elif self._known is not None:
                     self._known = self._take()
         return report
-
-
-def _unseen(seen: Seen, features: Sequence[str]) -> ImitatorStep:
-    """Return a step at pictures that are novel: nothing is done."""
-    name, doubt = features[seen.camera], seen.doubt
-    return ImitatorStep(None, True, doubt, name, doubt, 1.0, 0.0, False, (), None)
-
-
-def _is_at_end(known: Known, state: State, slot: int, fps: float) -> bool:
-    """Return whether a followed demonstration is in its last tenth of a second that is kept."""
-    number, shown = state.demonstration[slot], known.shown
-    last = shown.time[shown.first[number + 1] - 1]
-    return bool(shown.time[state.row[slot]] >= last - _END * fps)
-
-
-def _followed(known: Known, state: State) -> tuple[Followed, ...]:
-    """Return the demonstrations that decide, the largest weight first."""
-    slots = state.weight.nonzero()[0]
-    frames = known.shown.frame[state.row[slots]].tolist()
-    numbers, weights = state.demonstration[slots].tolist(), state.weight[slots].tolist()
-    followed = map(Followed, numbers, frames, weights)
-    return tuple(sorted(followed, key=lambda one: -one.weight))

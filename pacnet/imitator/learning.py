@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -20,6 +23,7 @@ from pacnet.imitator.records import EpisodeReport, task_name
 from pacnet.schemas.demonstration_memory import DemonstrationMemory
 from pacnet.schemas.keyframes import fitted, keyframes
 from pacnet.schemas.segments import CONTINUES, MIDDLE, WHOLE
+from pacnet.schemas.targets import targets_ahead
 
 _APART = 0.05  # [s] between the frames of a single demonstration that are compared
 
@@ -50,6 +54,32 @@ def how_begins(
     else:
         continues = shown.first_frame > before.first_frame
     return CONTINUES if continues else MIDDLE
+
+
+def targets_of(shown: Demonstration, config: ImitatorConfig) -> Tensor:
+    """Return what is stored of a demonstration, `[T, A]`."""
+    if config.targets == "action":
+        return shown.action
+    ahead = targets_ahead(shown.state, config.lead)
+    return torch.cat([ahead, shown.action[:, list(config.still_actions)]], dim=1)
+
+
+def mean_first_action(
+    mean: Tensor, reports: Sequence[EpisodeReport], shown: Demonstration
+) -> Tensor:
+    """Return the mean first action `[U]` once a demonstration, no correction, is learned.
+
+    Args:
+        mean: that of before.
+        reports: of what was learned before.
+        shown: the demonstration.
+    """
+    starts = [report.first_frame == 0 for report in reports if not report.correction]
+    if any(starts) and shown.first_frame > 0:
+        return mean
+    before = sum(starts) if shown.first_frame == 0 else len(starts)
+    mean = mean if before else torch.zeros_like(mean)
+    return mean + (shown.action[0] - mean) / (before + 1)
 
 
 class Draft:

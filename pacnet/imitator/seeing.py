@@ -1,9 +1,10 @@
-"""Where an imitator's hand is, which cameras are to tell, and the landmarks that come of it."""
+"""Chooses what cameras are to tell an imitator: where its hand will be, or a posture."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,27 +16,28 @@ from pacnet.forward_models.kinematics import KinematicModel
 from pacnet.imitator.body import body_config
 from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.points import PointsChoice, find_points, parse_moved
+from pacnet.imitator.postures import see_postures
 from pacnet.schemas.points import Point, Points
 from pacnet.vision.cameras import Cameras
 from pacnet.vision.cameras_config import CAMERAS
-from pacnet.vision.fitting import AUTO, CameraReport, fit_cameras
+from pacnet.vision.config import NONE
+from pacnet.vision.fitting import CameraReport, fit_cameras
 from pacnet.vision.goals import SHARES, goal_name, goal_names
 
-Features = Mapping[str, tuple[str, ...]]
 Hands = list[NDArray[np.floating]]
+Settings = Callable[[Demonstrations, PointsChoice, Cameras | None], ImitatorConfig]
+"""Chooses those of an imitator, from demonstrations with what cameras tell, points and cameras."""
 
 _AXES = ("x", "y", "z")
 
 
 class Seeing(NamedTuple):
-    """What cameras add to demonstrations."""
+    """Which cameras are used, and how."""
 
+    config: ImitatorConfig
+    """Of the imitator."""
     cameras: Cameras | None
     """None where no camera helps."""
-    demonstrations: Demonstrations
-    """With where the hand will be among the percepts, where cameras tell."""
-    points: PointsChoice
-    """With the goals among the landmarks."""
     reports: tuple[CameraReport, ...]
     """Of all cameras."""
 
@@ -44,32 +46,58 @@ def see(
     demonstrations: Demonstrations,
     points: PointsChoice,
     body: KinematicModel | None,
-    encoder: str = AUTO,
+    encoder: str,
+    settings: Settings,
 ) -> Seeing:
-    """Fit cameras to the pictures of demonstrations, if they have any.
+    """Fit cameras to the pictures of demonstrations, if they have any, and choose settings.
+
+    Where the hand is known, cameras tell places, which are landmarks. Where it is not, or actions
+    do not move it, they tell postures.
 
     Args:
         demonstrations: whole episodes.
         points: as of `Imitator.from_demonstrations`; with cameras, the hand alone is enough.
         body: says where the hand is; None without one.
         encoder: what looks at the pictures; see `fit_cameras`.
+        settings: chooses those of the imitator.
 
     Raises:
-        ValueError: an unknown encoder; points that are none here.
+        ValueError: an unknown encoder; points that are none here; as `settings`.
     """
-    if not any(shown.pictures for shown in demonstrations):
-        return Seeing(None, demonstrations, points, ())
-    moved = None if body is not None else _moved(points, demonstrations)
-    if body is None and moved is None:
-        return Seeing(None, demonstrations, points, ())
+    has_pictures = any(shown.pictures for shown in demonstrations)
+    moved = _moved(points, demonstrations) if has_pictures and body is None else None
+    if has_pictures and (body is not None or moved is not None):
+        seeing = _see_places(demonstrations, points, body, moved, encoder, settings)
+        if seeing.cameras is None or seeing.config.frames is not None:
+            return seeing
+        points = None
+    config = settings(demonstrations, points, None)
+    if not has_pictures or config.frames is not None or encoder == NONE:
+        return Seeing(config, None, ())
+    cameras, reports = see_postures(demonstrations, config, encoder)
+    config = replace(config, cameras=None if cameras is None else cameras.config)
+    return Seeing(config, cameras, reports)
+
+
+def _see_places(
+    demonstrations: Demonstrations,
+    points: PointsChoice,
+    body: KinematicModel | None,
+    moved: Point | None,
+    encoder: str,
+    settings: Settings,
+) -> Seeing:
+    """Fit cameras that tell where the hand, a body's or the point that is moved, will be."""
     names = _AXES if moved is None else _AXES[: len(moved.place)]
     place = () if moved is None else moved.place
     hands = hands_of(demonstrations, place, body)
     cameras, reports = fit_cameras(demonstrations, hands, names, encoder)
     if cameras is None:
-        return Seeing(None, demonstrations, _without_goals(points, moved), reports)
+        points = _without_goals(points, moved)
+        return Seeing(settings(demonstrations, points, None), None, reports)
     seen = cameras.with_goals(demonstrations, hands)
-    return Seeing(cameras, seen, _with_goals(points, len(names)), reports)
+    config = settings(seen, _with_goals(points, len(names)), cameras)
+    return Seeing(config, cameras, reports)
 
 
 def hands_of(
@@ -133,6 +161,6 @@ def _without_goals(points: PointsChoice, moved: Point | None) -> PointsChoice:
         f"{moved.name!r} has no landmark, and no camera tells where it will be: only what is done "
         "at the same place can be learned",
         DatasetWarning,
-        stacklevel=4,
+        stacklevel=5,
     )
     return None

@@ -32,15 +32,14 @@ from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.cuts import ShownCut, cuts_of
 from pacnet.imitator.forward_model import Model, class_of, make_model
 from pacnet.imitator.framed import FramedKnown, FramedSchemas
+from pacnet.imitator.looking import Looking
 from pacnet.imitator.novelty import NoveltyDetector
-from pacnet.imitator.postures import Warped
 from pacnet.imitator.records import EpisodeReport, read_reports, task_name
 from pacnet.kernels.engine import Engine
 from pacnet.schemas.demonstration_memory import DemonstrationMemory, Shown
 from pacnet.schemas.scene import Scene
 from pacnet.schemas.segments import NO_SEGMENT
 from pacnet.vision.cameras import Cameras
-from pacnet.vision.sight import Sight
 
 _MODEL = "forward_model"
 
@@ -87,6 +86,9 @@ class ImitatorState(nn.Module):
         self.register_buffer("first_action", torch.zeros(len(config.action)))
         # One thread learns at a time. The state itself is locked only while it is replaced or read.
         self.learning_lock, self.state_lock = Lock(), Lock()
+        self._looking: Looking | None = None
+        if self.cameras is not None:
+            self._looking = Looking(self.cameras, config, self.learning_lock, self.state_lock)
         self._task: str | None = None  # that was asked for
         self._begin_again()
         copy_on_state_dict(self)
@@ -132,7 +134,13 @@ class ImitatorState(nn.Module):
         return Scene(np.stack(places), np.stack(turns))
 
     def _begin_again(self) -> None:
-        """Forget what was derived from the state, which has changed."""
+        """Begin a new recall episode with a state that has changed."""
+        self._forget_derived()
+        if self._looking is not None:
+            self._looking.reset()
+
+    def _forget_derived(self) -> None:
+        """Forget what was derived from demonstrations, and where an episode is in them."""
         config = self.config
         recent = config.scaling.recent(config.fps)
         self.follower = Follower(recent, config.scaling.change_ratio, config.fps)
@@ -142,8 +150,6 @@ class ImitatorState(nn.Module):
             actions = len(config.action)
             self._framed_follower = FramedFollower(self.frames.config, actions, config.fps)
         self._scale = config.scaling.array
-        self._sight: Sight | None = None  # of this episode, as the next
-        self._warped: Warped | None = None
         self._known: Known | None = None
         self._versions: BufferVersions | None = None  # of the state that the follower refers to
 
@@ -158,7 +164,7 @@ class ImitatorState(nn.Module):
     def _current(self) -> Known:
         """Return what is known now; no thread may be changing it."""
         versions = self._versions
-        if versions is None or not versions.unchanged():
+        if versions is not None and not versions.unchanged():
             self._begin_again()  # rows may be others now
         known = self._known
         if known is None:

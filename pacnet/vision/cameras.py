@@ -201,8 +201,20 @@ class Cameras(nn.Module):
                 continue
             goals = torch.from_numpy(goals_of(hand, demonstrations.fps))
             for feature, encoder in self.encoders.items():
-                pictures = pictures_of(shown.pictures[feature], demonstrations.fps)
-                encoder.add(*pictures, goals, number, len(shown.gaps) + 1)
+                first, _ = pictures_of(shown.pictures[feature], demonstrations.fps)
+                encoder.remember(first, goals, number, len(shown.gaps) + 1)
+
+    def keep(self, demonstrations: NDArray[np.bool_]) -> None:
+        """Forget the beginnings of demonstrations that are not kept, bool `[E]`; the fit stays."""
+        shown = next(iter(self.encoders.values())).shown
+        firsts, parts = shown.live("demonstration").tolist(), shown.live("parts").tolist()
+        kept = [
+            demonstrations[first : first + count].any()
+            for first, count in zip(firsts, parts, strict=True)
+        ]
+        if not all(kept):
+            for encoder in self.encoders.values():
+                encoder.keep(torch.tensor(kept).nonzero().flatten())
 
     def goals_shown(self) -> GoalsShown:
         """Return what is told of the demonstrations shown; the same object until that changes.

@@ -14,7 +14,7 @@ from pacnet.vision.backbones import backbone_of
 from pacnet.vision.config import NONE, PATCHES, ImageEncoderConfig, Told
 from pacnet.vision.goals import SHARES
 from pacnet.vision.patches import Patches
-from pacnet.vision.projection import Projection
+from pacnet.vision.projection import Projection, disturbed
 from pacnet.vision.readout import Readout
 from pacnet.vision.regression import left_out_of_mean
 
@@ -43,8 +43,9 @@ class ImageEncoder(nn.Module):
         config: see `ImageEncoderConfig`.
 
     Attributes:
-        shown: picture at the beginning of each demonstration and on the way, its goals, its number
-            and that of the parts between its gaps, which have numbers of their own.
+        shown: picture at the beginning of each demonstration, its goals, its number and that of the
+            parts between its gaps, which have numbers of their own.
+        later: picture on the way of those that it is fitted to; none of those that came later.
         told: see `Told`.
     """
 
@@ -57,12 +58,12 @@ class ImageEncoder(nn.Module):
         self.shown = GrowableRows(
             {
                 "picture": Column(picture, torch.uint8),
-                "later": Column(picture, torch.uint8),
                 "goals": Column((outputs,), torch.float32),
                 "demonstration": Column((), torch.int64),
                 "parts": Column((), torch.int64),
             }
         )
+        self.later = GrowableRows({"picture": Column(picture, torch.uint8)})
         self.readout = Readout(outputs)
         self.seen: Patches | Projection | None = None
         if config.kind == PATCHES:
@@ -85,29 +86,57 @@ class ImageEncoder(nn.Module):
         return Told(*self.quality.tolist())
 
     @torch.no_grad()
-    def add(
-        self, picture: Tensor, later: Tensor, goals: Tensor, demonstration: int, parts: int = 1
-    ) -> None:
-        """Keep the picture at the beginning of a demonstration; `fit` makes use of it.
+    def add(self, picture: Tensor, later: Tensor, goals: Tensor, demonstration: int) -> None:
+        """Keep two pictures of a demonstration; `fit` makes use of them.
+
+        Args:
+            picture: the one at its beginning, uint8 `[h, w, 3]`.
+            later: one while the hand is on its way.
+            goals: `[m]`.
+            demonstration: its number.
+        """
+        self.remember(picture, goals, demonstration)
+        self.later.append({"picture": later})
+
+    @torch.no_grad()
+    def remember(self, picture: Tensor, goals: Tensor, demonstration: int, parts: int = 1) -> None:
+        """Keep the picture at the beginning of a demonstration, which nothing is fitted to.
 
         Args:
             picture: uint8 `[h, w, 3]`.
-            later: one while the hand is on its way.
             goals: `[m]`.
             demonstration: its number.
             parts: how many numbers it has, from that one on: one for each part between gaps.
         """
         numbers = {"demonstration": demonstration, "parts": parts}
-        self.shown.append({"picture": picture, "later": later, "goals": goals, **numbers})
+        self.shown.append({"picture": picture, "goals": goals, **numbers})
+
+    def keep(self, rows: Tensor) -> None:
+        """Remember only some of the demonstrations shown; what was fitted to all stays.
+
+        Args:
+            rows: int64 `[K]`, ascending.
+        """
+        self.shown.select(rows)
+        self.later.select(rows[:0])
 
     def forget(self) -> None:
         """Forget which demonstrations were shown; what was fitted to them stays."""
-        self.shown.select(torch.empty(0, dtype=torch.int64))
+        self.keep(torch.empty(0, dtype=torch.int64))
 
     @torch.no_grad()
     @torch.autocast("cpu", enabled=False)  # places are fractions of a pixel
     def fit(self) -> None:
-        """Fit to the demonstrations shown; fewer than three tell nothing but their mean."""
+        """Fit to the demonstrations shown; fewer than three tell nothing but their mean.
+
+        Raises:
+            ValueError: some of them are remembered alone.
+        """
+        if len(self.later) != len(self.shown):
+            raise ValueError(
+                f"expected pictures on the way of {len(self.shown)} demonstrations to fit to, got "
+                f"{len(self.later)}"
+            )
         rows = torch.linspace(0, len(self.shown) - 1, min(_MOST, len(self.shown))).round().long()
         goals = self.shown.live("goals")[rows].double()
         self.readout.keep_mean(goals)
@@ -115,12 +144,14 @@ class ImageEncoder(nn.Module):
         self.quality = self.quality.new_tensor([alone, alone, 1.0])
         if self.seen is None or len(goals) < LEAST:
             return
-        pictures, later = (self.shown.live(name)[rows] for name in ("picture", "later"))
+        pictures, later = (own.live("picture")[rows] for own in (self.shown, self.later))
         scale = (goals - goals.mean(dim=0)).square().mean().sqrt().clamp(min=1e-12)
         if isinstance(self.seen, Patches):
             features, choice = self.seen.fit(pictures, later, goals / scale)
         else:
-            features, choice = self.seen.fit(self._features(pictures), goals / scale)
+            features = self._features(pictures)
+            noise = (self._features(disturbed(pictures)) - features).square().mean().item()
+            features, choice = self.seen.fit(features, goals / scale, noise)
         error = _distance(self.readout.fit(features, goals))
         self.quality = self.quality.new_tensor([error, alone, choice.chance])
 
@@ -161,9 +192,13 @@ class ImageEncoder(nn.Module):
         parts = tensors["shown.parts"]
         check_conditions(
             {
+                "as many pictures on the way as shown, or none": (
+                    len(tensors["later.picture"]) in (0, len(numbers))
+                ),
                 "errors ≥ 0": bool((quality >= 0).all() and quality.isfinite().all()),
                 "finite goals": tensors["shown.goals"].isfinite().all(),
                 "inputs that are seen": _fits(len(tensors["readout.inputs.mean"]), tensors),
+                "places in the picture": self._are_within(tensors),
                 "demonstrations in order": bool(
                     (numbers >= 0).all()
                     and (numbers < _MOST_SHOWN).all()
@@ -173,6 +208,19 @@ class ImageEncoder(nn.Module):
                 ),
             }
         )
+
+    def _are_within(self, tensors: Mapping[str, Tensor]) -> bool:
+        """Return whether patches are looked for in pictures, and those that never move lie there.
+
+        Patches themselves are checked before, and do not know how large a picture is.
+        """
+        if not isinstance(self.seen, Patches):
+            return True
+        sides = torch.tensor([self.config.height, self.config.width])
+        low, high = tensors["seen.rows.low"], tensors["seen.rows.high"]
+        place, size = tensors["seen.reference.rows.place"], self.seen.reference.size
+        within = (low <= sides - self.seen.size) & (high >= 0)
+        return bool(within.all() and (place <= sides - size).all())
 
 
 def _fits(inputs: int, tensors: Mapping[str, Tensor]) -> bool:

@@ -20,13 +20,25 @@ from pacnet.vision.regression import Choice, choose_first
 
 SIDE = 16  # pixels of the small pictures
 _MOST = 6  # components that are tried
-_NOISE = 2 / 255  # by which features differ at least, for no reason
+_NOISE = 2  # of 255, by which colours differ at least, for no reason
 _NOTHING = 1e-9  # of the largest eigenvalue: less is rounding
+_ROUNDING = 1e-10  # the same, of the mean square of features in single precision
 
 
 def small(pictures: Tensor) -> Tensor:
     """Return the features of pictures, uint8 `[N, h, w, 3]`: 16 × 16 colours, `[N, 768]`."""
     return functional.adaptive_avg_pool2d(as_tensor(pictures), SIDE).flatten(1)
+
+
+def disturbed(pictures: Tensor) -> Tensor:
+    """Return pictures, uint8 `[N, h, w, 3]`, that differ by noise, in cells as small ones have."""
+    count, height, width, colours = pictures.shape
+    generator = torch.Generator().manual_seed(0)
+    signs = torch.randint(2, (count, SIDE, SIDE, colours), generator=generator) * 2 - 1
+    rows, columns = (torch.arange(side) * SIDE // side for side in (height, width))
+    change = _NOISE * signs[:, rows][:, :, columns]
+    other = pictures + change
+    return torch.where((other < 0) | (other > 255), pictures - change, other).byte()
 
 
 class Projection(nn.Module):
@@ -47,7 +59,7 @@ class Projection(nn.Module):
         copy_on_state_dict(self)
         check_on_load(self)
 
-    def fit(self, features: Tensor, goals: Tensor) -> tuple[Tensor, Choice]:
+    def fit(self, features: Tensor, goals: Tensor, noise: float) -> tuple[Tensor, Choice]:
         """Find components; return those to foretell goals from, `[N, d]`, and how they were chosen.
 
         All are kept, the most telling first: what they leave of a picture says whether it is new.
@@ -55,14 +67,19 @@ class Projection(nn.Module):
         Args:
             features: `[N ≥ 3, F]`.
             goals: `[N, m]`, float64.
+            noise: mean square by which features differ at least, for no reason.
         """
         components = _components(features.double())
         centre = features.double().mean(dim=0)
         projected = (features.double() - centre) @ components.T
-        choice = choose_first(projected, goals)
+        unit = (
+            projected.square().mean().sqrt().clamp(min=1e-30)
+        )  # networks have scales of their own
+        choice = choose_first(projected / unit, goals)
         self.rows.replace({"component": components})
         self.centre.copy_(centre)
-        left = float(_unexplained(features.double()).max())
+        rounding = _ROUNDING * features.double().square().mean().item()
+        left = max(float(_unexplained(features.double()).max()), noise, rounding, 1e-30)
         self.usual.fill_(left * allowance(len(features)))
         return projected[:, list(choice.columns)], choice
 
@@ -104,4 +121,4 @@ def _unexplained(features: Tensor) -> Tensor:
         others = torch.cat([features[:number], features[number + 1 :]])
         components, own = _components(others), features[number] - others.mean(dim=0)
         left.append((own - (components @ own) @ components).square().mean())
-    return torch.stack(left).clamp(min=_NOISE**2)
+    return torch.stack(left)

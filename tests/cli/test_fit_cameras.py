@@ -173,6 +173,24 @@ def test_explain_names_the_camera_where_nothing_is_found(
     assert Path(value_of("picture", out)).is_file()
 
 
+def test_explain_says_so_where_no_picture_is_remembered(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """Cameras are fitted, but what was learned had no pictures."""
+    blind = Imitator.from_demonstrations(sights.demonstrations(6))
+    blind.learn(load_demonstrations(folder / "blind"))
+    blind.save_pretrained(tmp_path / "blind")
+    arguments = (tmp_path / "blind", folder / "others", "--episode", 1, "--frame", 5)
+    capsys.readouterr()
+    assert run("explain", *arguments, "--out", tmp_path) == 0
+    out = capsys.readouterr().out
+    assert "no picture is remembered" in value_of("cameras", out)
+    assert Path(value_of("picture", out)).is_file()
+    assert run("explain", *arguments, "--json") == 0
+    (camera,) = json.loads(capsys.readouterr().out)["cameras"]
+    assert camera["remembered"] is None
+
+
 @pytest.mark.parametrize("command", ["watch", "explain", "export"])
 def test_a_dataset_without_the_camera_is_refused(
     command: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -53,6 +53,14 @@ def test_what_is_not_found_is_dashed_and_asked():
     assert all(one.get_linestyle() == "-" for one in boxes(remembered))
 
 
+def test_it_says_so_where_nothing_is_remembered():
+    one = sighting("top")._replace(remembered=None)
+    _, remembered = beside_remembered([one], "acts", "to the goal").axes
+    assert remembered.get_title("left") == "no picture is remembered"
+    assert not remembered.axison
+    assert len(remembered.images) == 0
+
+
 def test_each_camera_has_a_row_of_its_own_height():
     figure = beside_remembered([sighting("top"), sighting("wrist", height=40)], "acts", "away")
     assert len(figure.axes) == 4

@@ -13,6 +13,7 @@ from pacnet.datasets.demonstrations import Demonstrations
 from pacnet.imitator import Imitator
 from pacnet.imitator.auto_config import choose_settings
 from pacnet.imitator.body import body_config
+from pacnet.imitator.config import ImitatorConfig
 from pacnet.imitator.point_names import find_landmarks
 from pacnet.imitator.points import PointsChoice, parse_landmarks
 from pacnet.schemas.frames import FramesConfig
@@ -38,8 +39,14 @@ def with_state(demonstrations: Demonstrations, state: torch.Tensor, names: tuple
     return renamed(replace(demonstrations, episodes=episodes), state=names)
 
 
+def settings_of(demonstrations: Demonstrations, points: PointsChoice) -> ImitatorConfig:
+    return choose_settings(
+        demonstrations, points, None, targets="action", lead=1, budget=None, body=body()
+    )
+
+
 def frames_of(demonstrations: Demonstrations, points: PointsChoice = "auto") -> FramesConfig:
-    config = choose_settings(demonstrations, "action", 1, None, points, body())
+    config = settings_of(demonstrations, points)
     assert config.frames is not None
     return config.frames
 
@@ -134,7 +141,7 @@ def test_a_gripper_in_the_state_is_waited_for_and_velocities_of_joints_are_not(
 
 def test_the_hand_and_former_places_follow_the_percept(demonstrations: Demonstrations):
     """Of twelve numbers: five of the state, the object's seven."""
-    config = choose_settings(demonstrations, "action", 1, None, "auto", body())
+    config = settings_of(demonstrations, "auto")
     frames = config.frames
     assert frames is not None
     assert frames.points.moved == Point("hand", (12, 13, 14), (15, 16, 17, 18))

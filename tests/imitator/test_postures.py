@@ -4,92 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
+from touching import REST, TOP, demonstrations, episode, miss, picture_of, places, shown_as, taught
 
-from pacnet.datasets.demonstrations import Demonstration, Demonstrations
 from pacnet.datasets.format import DatasetWarning
 from pacnet.imitator.imitator import Imitator
-
-TOP = "observation.images.top"
-LENGTHS = np.array([0.5, 0.5])
-REST = np.array([0.4, 0.9])
-FRAMES, FPS = 50, 25  # frames, [1/s]
-
-
-def hand_at(angles):
-    """Where the hand of a planar arm is."""
-    turned = np.cumsum(angles)
-    return np.array([(LENGTHS * np.cos(turned)).sum(), (LENGTHS * np.sin(turned)).sum()])
-
-
-def angles_at(place):
-    """The elbow-up angles that take the hand to a place."""
-    x, y = place
-    cosine = (x * x + y * y - (LENGTHS**2).sum()) / (2 * LENGTHS.prod())
-    elbow = np.arccos(np.clip(cosine, -1, 1))
-    shoulder = np.arctan2(y, x) - np.arctan2(
-        LENGTHS[1] * np.sin(elbow), LENGTHS[0] + LENGTHS[1] * np.cos(elbow)
-    )
-    return np.array([shoulder, elbow])
-
-
-def picture_of(place):
-    """A ball on a floor with structure, from above."""
-    rows, columns = np.mgrid[:80, :96]
-    image = np.stack([90 + rows, 60 + columns, 80 + (rows * columns) % 23], 2).astype(np.uint8)
-    row, column = 70 - 60 * place[1], 10 + 75 * place[0]
-    image[(rows - row) ** 2 + (columns - column) ** 2 < 30] = (250, 220, 40)
-    image[(rows - row - 2) ** 2 + (columns - column) ** 2 < 5] = (20, 20, 160)
-    return image
-
-
-def places(count, seed):
-    return np.random.default_rng(seed).uniform((0.35, 0.3), (0.75, 0.7), (count, 2))
-
-
-def episode(number, place, absolute=True):
-    """From rest to the ball, then still; actions are the angles to go to, or changes of them."""
-    along = np.clip(np.linspace(0, 1.4, FRAMES), 0, 1)[:, None]
-    wanted = REST + along * along * (3 - 2 * along) * (angles_at(place) - REST)
-    state, angles = [], REST.copy()
-    for target in wanted:
-        state.append(angles.copy())
-        angles = angles + 0.6 * (target - angles)
-    action = wanted if absolute else np.gradient(wanted, axis=0)
-    return Demonstration(
-        number,
-        "touch",
-        torch.tensor(np.array(state)).float(),
-        torch.empty(FRAMES, 0),
-        torch.tensor(action).float(),
-        pictures={TOP: np.repeat(picture_of(place)[None], FRAMES, axis=0)},
-    )
-
-
-def demonstrations(count, seed=0, **kinds):
-    joints = ("shoulder.pos", "elbow.pos")
-    shown = tuple(episode(n, place, **kinds) for n, place in enumerate(places(count, seed)))
-    return Demonstrations(FPS, {"observation.state": joints, "action": joints}, shown, "arm")
-
-
-def miss(imitator, place, pictures=True):
-    """How far from the ball the hand ends."""
-    imitator.reset()
-    angles = action = REST.copy()
-    for _ in range(FRAMES + 20):
-        seen = {TOP: picture_of(place)} if pictures else None
-        step = imitator.step(angles.astype(np.float32), seen)
-        action = action if step.action is None else step.action
-        angles = angles + 0.6 * (action - angles)
-    return np.linalg.norm(hand_at(angles) - place)
 
 
 @pytest.fixture(scope="module")
 def imitator():
-    shown = demonstrations(8)
-    made = Imitator.from_demonstrations(shown)
-    made.learn(shown)
-    return made
+    return taught(demonstrations(8))
 
 
 def test_the_hand_gets_to_places_that_were_not_shown(imitator):
@@ -98,9 +21,7 @@ def test_the_hand_gets_to_places_that_were_not_shown(imitator):
     assert [report.kind for report in imitator.camera_reports] == ["patches"]
     missed = [miss(imitator, place) for place in places(10, seed=1)]
     assert np.median(missed) < 0.03  # places are .2 apart on the mean
-    blind = demonstrations(8)
-    alone = Imitator.from_demonstrations(blind, encoder="none")
-    alone.learn(blind)
+    alone = taught(demonstrations(8), encoder="none")
     assert np.median([miss(alone, place, False) for place in places(10, seed=1)]) > 0.1
 
 
@@ -126,22 +47,24 @@ def test_a_checkpoint_does_the_same(imitator, tmp_path):
 
 
 def test_more_demonstrations_are_followed_where_they_are_nearer(imitator):
-    taught = imitator.fork()
+    other = imitator.fork()
     place = np.array([0.3, 0.75])
-    before = miss(taught, place)
-    more = demonstrations(1)
-    near = Demonstrations(FPS, more.names, (episode(20, place),), "more")
-    taught.learn(near)
-    taught.reset()
-    step = taught.step(REST.astype(np.float32), {TOP: picture_of(place)})
-    assert taught.reports[step.followed[0].demonstration].episode == 20
-    assert miss(taught, place) < before
+    before = miss(other, place)
+    other.learn(shown_as(episode(20, place)))
+    assert at(other, place) == {8}
+    assert miss(other, place) < before
 
 
 def test_actions_that_are_no_places_leave_the_camera_unused():
     shown = demonstrations(6, absolute=False)
     with pytest.warns(DatasetWarning, match="neither places of the robot's state"):
         made = Imitator.from_demonstrations(shown)
+    assert made.cameras is None
+
+
+def test_targets_that_are_states_leave_the_camera_unused():
+    with pytest.warns(DatasetWarning, match="cameras are not used: targets are states"):
+        made = Imitator.from_demonstrations(demonstrations(6), targets="state")
     assert made.cameras is None
 
 
@@ -161,8 +84,7 @@ def test_another_task_at_the_same_place_is_another_demonstration():
     shown = demonstrations(8)
     tasks = [replace(one, task="touch" if one.episode < 4 else "push") for one in shown]
     shown = replace(shown, episodes=tuple(tasks))
-    imitator = Imitator.from_demonstrations(shown)
-    imitator.learn(shown)
+    imitator = taught(shown)
     place = places(1, seed=1)[0]
     assert at(imitator, place, "touch") < {*range(4)}
     assert at(imitator, place, "push") < {*range(4, 8)}
@@ -172,18 +94,17 @@ def test_what_has_no_pictures_is_no_part_of_what_was_shown_before_it(imitator):
     """The last one with pictures ends where it did, whatever is learned after it."""
     place = places(8, seed=0)[7]
     assert at(imitator, place) == {7}
-    taught = imitator.fork()
-    taught.learn(bare(demonstrations(2, seed=3)))
-    assert at(taught, place) == {7}
+    other = imitator.fork()
+    other.learn(bare(demonstrations(2, seed=3)))
+    assert at(other, place) == {7}
     near = place + 0.03
-    assert miss(taught, near) == miss(imitator, near)
+    assert miss(other, near) == miss(imitator, near)
 
 
 def test_parts_between_gaps_are_one_demonstration():
     shown = demonstrations(8)
     parted = replace(shown, episodes=tuple(replace(one, gaps=(20,)) for one in shown))
-    imitator = Imitator.from_demonstrations(parted)
-    imitator.learn(parted)
+    imitator = taught(parted)
     assert len(imitator.reports) == 16
     imitator.learn(bare(demonstrations(1, seed=3)))
     told = imitator.cameras.goals_shown()
@@ -207,8 +128,7 @@ def test_it_acts_before_all_is_learned():
 
 def test_a_loaded_state_is_told_anew(imitator):
     other = demonstrations(8, seed=5)
-    second = Imitator.from_demonstrations(other)
-    second.learn(other)
+    second = taught(other)
     first = imitator.fork()
     before = first.cameras.goals_shown()
     first.cameras.load_state_dict(second.cameras.state_dict())

@@ -9,7 +9,7 @@ import pytest
 import torch
 from discs import HEIGHT, WIDTH, demonstrations, hands_of, picture_of, places
 from safetensors.torch import save_file
-from torch import nn
+from torch import Tensor, nn
 
 from benchmarks.metaworld.camera.pretrained import KIND
 from pacnet.vision import Cameras, ImageEncoder, ImageEncoderConfig, register_backbone
@@ -52,6 +52,51 @@ def test_a_pretrained_network_of_ones_own_tells_where_the_hand_will_be():
     (encoder,) = fitted(KIND, 12).encoders.values()
     assert encoder.told.chance < 0.05
     assert encoder.told.error < 0.6 * encoder.told.alone
+
+
+class Scaled(nn.Module):
+    """Edges, in another unit."""
+
+    def __init__(self, scale: float) -> None:
+        super().__init__()
+        self.maps, self.scale = edges(), scale
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """Return maps of pictures."""
+        return self.scale * self.maps(pictures)
+
+
+def looks_of(scale: float, count: int, pictures: list[Tensor]) -> tuple[Tensor, Tensor]:
+    """What is told of pictures, and their doubts, by a network in some unit."""
+    register_backbone("scaled", functools.partial(Scaled, scale))
+    (encoder,) = fitted("custom:scaled", count).encoders.values()
+    looks = [encoder.look(picture) for picture in pictures]
+    return torch.stack([look.goals for look in looks]), torch.tensor([one.doubt for one in looks])
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e4])
+def test_the_unit_of_a_networks_features_changes_nothing(scale: float):
+    pictures = [torch.from_numpy(picture_of(place)) for place in places(5, seed=3)]
+    pictures.append(torch.randint(255, (HEIGHT, WIDTH, 3)).byte())
+    goals, doubts = looks_of(1.0, 8, pictures)
+    same, alike = looks_of(scale, 8, pictures)
+    assert doubts[-1] > 1 > doubts[0]
+    torch.testing.assert_close(same, goals, rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(alike, doubts, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e4])
+def test_noise_is_nothing_new_to_a_network_that_was_shown_the_same_each_time(scale: float):
+    register_backbone("scaled", functools.partial(Scaled, scale))
+    features, digest = features_of("custom:scaled", HEIGHT, WIDTH)
+    config = ImageEncoderConfig("custom:scaled", HEIGHT, WIDTH, 8, 7, features, digest)
+    encoder = ImageEncoder(config)
+    shown, again = (torch.from_numpy(picture_of((0.5, 0.6), noise=1.0, seed=n)) for n in range(2))
+    for number in range(4):
+        encoder.add(shown, shown, torch.arange(8.0), number)
+    encoder.fit()
+    assert encoder.look(again).doubt < 1
+    assert encoder.look(torch.from_numpy(picture_of((0.2, 0.9)))).doubt > 1
 
 
 def test_maps_are_pooled_to_eight_cells_a_side():

@@ -243,6 +243,9 @@ def corrupted(encoder: ImageEncoder, name: str, value: float) -> dict[str, Tenso
         ("patches", "seen.rows.patch", float("nan")),
         ("patches", "seen.rows.low", 1e9),
         ("patches", "seen.rows.high", float("inf")),
+        ("patches", "seen.reference.rows.place", -1.0),
+        ("patches", "seen.reference.rows.place", float("nan")),
+        ("patches", "seen.reference.rows.place", HEIGHT - 10.0),
         ("patches", "seen.rows.worst", 0.0),
         ("pca", "seen.rows.component", float("nan")),
         ("pca", "seen.centre", float("inf")),
@@ -256,6 +259,40 @@ def test_a_corrupted_state_is_refused_and_nothing_changes(kind: str, name: str, 
         encoder.load_state_dict(corrupted(encoder, name, value))
     for key, tensor in encoder.state_dict().items():
         assert torch.equal(tensor, before[key])
+
+
+def test_what_is_remembered_alone_is_not_fitted_to():
+    """Its picture on the way is gone: the fit needs both."""
+    encoder = copy.deepcopy(fitted("patches", 5))
+    size, look = bytes_of(encoder), encoder.look(torch.from_numpy(picture_of(UNSEEN[0])))
+    encoder.keep(torch.arange(1, 5))
+    assert encoder.shown.live("demonstration").tolist() == [1, 2, 3, 4]
+    assert size - bytes_of(encoder) == 6 * 3 * HEIGHT * WIDTH + 8 * 4 + 2 * 8
+    assert torch.equal(encoder.look(torch.from_numpy(picture_of(UNSEEN[0]))).goals, look.goals)
+    with pytest.raises(ValueError, match="on the way of 4 demonstrations to fit to, got 0"):
+        encoder.fit()
+
+
+def bytes_of(encoder: ImageEncoder) -> int:
+    return sum(tensor.numel() * tensor.element_size() for tensor in encoder.state_dict().values())
+
+
+@pytest.mark.parametrize("rows", [1, 6])
+def test_other_pictures_on_the_way_than_at_the_beginning_are_refused(rows: int):
+    encoder = copy.deepcopy(fitted("patches", 5))
+    later = torch.zeros(rows, HEIGHT, WIDTH, 3, dtype=torch.uint8)
+    with pytest.raises(ValueError, match="as many pictures on the way"):
+        encoder.load_state_dict({**encoder.state_dict(), "later.picture": later})
+
+
+@pytest.mark.parametrize("places", [(-30.0, -20.0), (HEIGHT, HEIGHT + 9.0)])
+def test_patches_that_are_looked_for_beside_the_picture_are_refused(places: tuple[float, float]):
+    encoder = copy.deepcopy(fitted("patches", 5))
+    tensors = encoder.state_dict()
+    for name, value in zip(("low", "high"), places, strict=True):
+        tensors = {**tensors, f"seen.rows.{name}": torch.full_like(tensors["seen.rows.low"], value)}
+    with pytest.raises(ValueError, match="expected places in the picture"):
+        encoder.load_state_dict(tensors)
 
 
 @pytest.mark.parametrize("kind", TELLING)

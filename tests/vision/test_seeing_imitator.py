@@ -201,7 +201,8 @@ def test_cameras_that_tell_something_else_are_refused(trained: Imitator):
     assert config.cameras is not None
     other = replace(config.cameras, hand=("x", "z"))
     percepts = {name: config.percepts[name] for name in reversed(config.percepts)}
-    for change in ({"cameras": other}, {"percepts": percepts}, {"cameras": "top"}):
+    changes = {"cameras": other}, {"percepts": percepts}, {"cameras": "top"}, {"frames": None}
+    for change in changes:
         with pytest.raises(ValueError, match=r"expected ImitatorConfig\.(cameras|state)"):
             replace(config, **change)
 
@@ -234,6 +235,7 @@ def test_more_demonstrations_are_kept_and_what_was_fitted_stays(trained: Imitato
     imitator.learn(demonstrations(6, seed=3))
     assert len(imitator.reports) == 11
     assert encoder.shown.live("demonstration").tolist() == [*range(11)]
+    assert len(encoder.later) == 0  # what it was fitted to is no longer needed
     picture = torch.from_numpy(picture_of(UNSEEN[0]))
     assert torch.equal(encoder.look(picture).goals, before.look(picture).goals)
     assert reached([go(imitator, disc) for disc in UNSEEN]) >= 0.95
