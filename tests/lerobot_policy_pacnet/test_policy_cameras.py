@@ -1,6 +1,7 @@
 """The LeRobot policy looks at pictures: learned from a dataset's files, acted on from batches."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -127,6 +128,33 @@ def test_it_acts_on_pictures_as_the_imitator_does(folder: Path, trained: PACNetP
         np.testing.assert_array_equal(action.numpy(), wanted)
 
 
+def test_pictures_are_read_only_while_they_are_looked_at(
+    folder: Path, trained: PACNetPolicy, tmp_path: Path
+):
+    shown, tasks, until = seen(folder / "others").episodes, ["reach", "reach"], 2
+    trained.save_pretrained(tmp_path)
+    policy = PACNetPolicy.from_pretrained(tmp_path)
+    cameras = policy.imitator.cameras
+    cameras.config = replace(cameras.config, until=until)
+    policy.reset()
+
+    def act(frame: int, *pictures: Tensor) -> None:
+        state = torch.stack([one.state[frame] for one in shown])
+        policy.select_action({STATE: state, TOP: torch.cat(pictures), LEFT: None, "task": tasks})
+
+    unread = torch.full((1, 3, HEIGHT, WIDTH), torch.nan)  # refused when it is converted
+    first, second = (as_lerobot(one.pictures[TOP][:1]) for one in shown)
+    with pytest.raises(ValueError, match="float from 0 to 1"):
+        act(0, first, unread)
+    for frame in range(until + 1):
+        act(frame, first, second)
+    act(until + 1, unread, unread)
+    tasks[1] = ""  # the second robot begins a new episode
+    with pytest.raises(ValueError, match="float from 0 to 1"):
+        act(until + 2, unread, unread)
+    act(until + 2, unread, second)
+
+
 @pytest.mark.parametrize("goal", [(0.3, 0.8), (0.7, 0.3)])
 def test_the_hand_goes_where_the_picture_shows_the_square(
     goal: tuple[float, float], trained: PACNetPolicy
@@ -249,7 +277,7 @@ def test_pictures_are_the_same_in_every_form():
     last = torch.from_numpy(rows)
     forms = [as_lerobot(rows), as_lerobot(rows)[:, None], last, last.permute(0, 3, 1, 2)]
     for form in forms:
-        got = pictures_of({TOP: form}, [TOP], 2)
+        got = pictures_of({TOP: form}, [TOP], [True, True])
         np.testing.assert_array_equal(np.stack([one[TOP] for one in got]), rows)
 
 

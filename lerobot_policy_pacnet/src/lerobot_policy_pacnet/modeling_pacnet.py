@@ -124,9 +124,9 @@ class PACNetPolicy(PreTrainedPolicy):
         """Return the action for each row of a batch, going on from the last call.
 
         Args:
-            batch: observations, B rows, with pictures of the cameras that are used; each row has a
-                recall episode of its own. A `task`, a text or one for each row, restricts what is
-                followed to what was shown for it.
+            batch: observations, B rows, with pictures of the cameras that are used while the
+                imitator looks; each row has a recall episode of its own. A `task`, a text or one
+                for each row, restricts what is followed to what was shown for it.
 
         Returns:
             Actions `[B, U]`.
@@ -139,11 +139,13 @@ class PACNetPolicy(PreTrainedPolicy):
         tasks = tasks_of(batch, len(percepts), self.config.task)
         actors = self._actors_for(len(percepts))
         cameras = actors[0].imitator.cameras
-        pictures = pictures_of(batch, () if cameras is None else cameras.features, len(percepts))
+        features = () if cameras is None else cameras.features
         # Tensors made in a caller's inference mode could not be changed outside it.
         with torch.inference_mode(False):
             for actor, task in zip(actors, tasks, strict=True):
                 actor.pursue(task)
+            looking = [actor.imitator.is_looking for actor in actors]
+            pictures = pictures_of(batch, features, looking)
             acted = [
                 actor.act(row, self.ask, seen)
                 for actor, row, seen in zip(actors, percepts, pictures, strict=True)

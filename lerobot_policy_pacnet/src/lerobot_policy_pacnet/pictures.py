@@ -17,51 +17,66 @@ Pictures = dict[str, NDArray[np.uint8]]
 """Camera -> its picture `[H, W, 3]`, or its pictures `[T, H, W, 3]`."""
 
 
-def pictures_of(batch: Mapping[str, Any], cameras: Sequence[str], rows: int) -> list[Pictures]:
-    """Return the pictures of each row of a batch.
+def pictures_of(
+    batch: Mapping[str, Any], cameras: Sequence[str], looking: Sequence[bool]
+) -> list[Pictures]:
+    """Return the pictures of each row of a batch that is looked at; none of others.
 
     Args:
         batch: with pictures as LeRobot gives them: float `[B, 3, H, W]` from 0 to 1; or uint8, also
             `[B, H, W, 3]`.
         cameras: the features to look at.
-        rows: number of rows B.
+        looking: whether the pictures of a row are looked at, `[B]`; converting them takes
+            milliseconds each.
 
     Raises:
         ValueError: a camera is missing, or its pictures are of another shape, dtype or range.
     """
-    columns = {name: _column(batch, name, rows) for name in cameras}
-    return [{name: column[row] for name, column in columns.items()} for row in range(rows)]
+    pictures: list[Pictures] = [{} for _ in looking]
+    if not any(looking):
+        return pictures
+    for name in cameras:
+        for row, picture in _column(batch, name, looking).items():
+            pictures[row][name] = picture
+    return pictures
 
 
-def _column(batch: Mapping[str, Any], name: str, rows: int) -> NDArray[np.uint8]:
-    """Return the pictures of one camera, `[B, H, W, 3]`."""
+def _column(
+    batch: Mapping[str, Any], name: str, looking: Sequence[bool]
+) -> dict[int, NDArray[np.uint8]]:
+    """Return row -> the picture `[H, W, 3]` of one camera, of the rows that are looked at."""
     if name not in batch:
         raise ValueError(
             f"expected the picture {name!r} in the batch, got {', '.join(map(str, batch))}"
         )
-    given, expected = batch[name], f"expected {name!r} of shape [{rows}, 3, height, width]"
+    given = batch[name]
+    expected = f"expected {name!r} of shape [{len(looking)}, 3, height, width]"
     if not isinstance(given, Tensor) or given.dim() < 3 or 0 in given.shape:
         got = [*given.shape] if isinstance(given, Tensor) else type(given).__name__
         raise ValueError(f"{expected}, got {got}")
     pictures = given.detach().reshape(-1, *given.shape[-3:])  # there may be an axis for time
     if pictures.shape[1] == 3:
         pictures = pictures.permute(0, 2, 3, 1)
-    if len(pictures) != rows or pictures.shape[3] != 3:
+    if len(pictures) != len(looking) or pictures.shape[3] != 3:
         raise ValueError(f"{expected}, got {[*given.shape]}")
-    return _bytes(name, pictures).cpu().contiguous().numpy()
+    return {
+        row: _bytes(name, pictures[row]).cpu().contiguous().numpy()
+        for row, looks in enumerate(looking)
+        if looks
+    }
 
 
-def _bytes(name: str, pictures: Tensor) -> Tensor:
-    """Return pictures as uint8."""
-    if pictures.dtype == torch.uint8:
-        return pictures
-    low, high = (float(value) for value in pictures.aminmax())
-    if not pictures.dtype.is_floating_point or not (low >= 0 and high <= 1):
+def _bytes(name: str, picture: Tensor) -> Tensor:
+    """Return a picture as uint8."""
+    if picture.dtype == torch.uint8:
+        return picture
+    low, high = (float(value) for value in picture.aminmax())
+    if not picture.dtype.is_floating_point or not (low >= 0 and high <= 1):
         raise ValueError(
-            f"expected {name!r} as uint8, or as float from 0 to 1, got {pictures.dtype} from "
+            f"expected {name!r} as uint8, or as float from 0 to 1, got {picture.dtype} from "
             f"{low:g} to {high:g}"
         )
-    return (pictures * 255).round_().to(torch.uint8)
+    return (picture * 255).round_().to(torch.uint8)
 
 
 class _Episode(NamedTuple):
