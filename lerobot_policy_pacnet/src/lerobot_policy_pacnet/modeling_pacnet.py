@@ -25,6 +25,7 @@ from lerobot_policy_pacnet.parts import check_policy, record_parts
 from lerobot_policy_pacnet.pictures import pictures_of
 from lerobot_policy_pacnet.telling import novelty_of, tell_cameras
 from lerobot_policy_pacnet.training import Training
+from pacnet.datasets.format import DatasetError
 from pacnet.imitator.imitator import Imitator, full_precision
 from pacnet.imitator.records import ImitatorStep
 
@@ -39,7 +40,7 @@ class PACNetPolicy(PreTrainedPolicy):
         config: see `PACNetConfig`.
         dataset_stats: statistics of the dataset; not used.
         dataset_meta: LeRobot's metadata of the dataset to learn; None to act only. With cameras
-            their pictures are read from its folder when training begins.
+            the pictures of its episodes are read from its folder once their frames were added.
 
     Attributes:
         ask: called with the step and the percept `[D]` where the imitator gives no action; returns
@@ -234,7 +235,7 @@ class PACNetPolicy(PreTrainedPolicy):
         elif before.dataset.fingerprint != dataset.fingerprint:
             self._training = Training(self.config, dataset, before.imitator, before.contents())
         assert self._training is not None
-        self._training.read_pictures(meta.root)
+        self._training.find_pictures(meta.root)
         self._is_current = True
         return self._training
 
@@ -244,6 +245,8 @@ class PACNetPolicy(PreTrainedPolicy):
             return
         try:
             training.consolidate()
+        except DatasetError:
+            raise  # pictures that cannot be read
         except ValueError as error:
             logger.warning("nothing can be learned from %d frames: %s", len(training.frames), error)
 
