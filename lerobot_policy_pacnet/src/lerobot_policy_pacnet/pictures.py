@@ -15,7 +15,6 @@ from torch import Tensor
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.format.episodes import read_episodes
 from pacnet.datasets.format.info import image_features, read_info
-from pacnet.datasets.pictures.camera_choice import ALL, choose_cameras
 
 Pictures = dict[str, NDArray[np.uint8]]
 """Camera -> its picture `[H, W, 3]`, or its pictures `[T, H, W, 3]`."""
@@ -99,6 +98,9 @@ class DatasetPictures:
     """
 
     def __init__(self, root: str | Path, cameras: Sequence[str], named: bool) -> None:
+        # It imports numba, of which LeRobot's commands need nothing before they learn or act.
+        from pacnet.datasets.pictures.camera_choice import ALL, choose_cameras
+
         info = read_info(Path(root))
         every = not named and {*choose_cameras(info, cameras)} == {*image_features(info)}
         self._root, self._cameras = root, ALL if every else cameras
