@@ -11,9 +11,10 @@ import pytest
 def forks() -> ForkServerContext:
     """Forks processes from one that has imported everything, so each costs milliseconds."""
     context = multiprocessing.get_context("forkserver")
-    # What the test modules import; Python 3.11 cannot find the modules themselves there.
+    # What the test modules import, and what recording does; Python 3.11 cannot find the modules
+    # themselves there.
     context.set_forkserver_preload(
-        ["pytest", "pyarrow.parquet", "pacnet.datasets", "pacnet.network"]
+        ["pytest", "pandas", "pyarrow.parquet", "pacnet.datasets.journal.folding", "pacnet.network"]
     )
     return context
 

@@ -26,13 +26,15 @@ def add_cameras(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cameras", nargs="+", metavar="NAME",
         help="after DATASET: cameras that are looked at, as in observation.images.top or top; none "
-        "for none (all whose pictures can be decoded; those that do not help are not used)",
+        "for none (all whose pictures can be decoded; those that do not help are not used). From "
+        "five demonstrations on they may tell where the hand will be: --points, --body or names "
+        "such as hand.x say where it is. It takes pip install 'pacnet[cameras]'",
     )  # fmt: skip
     parser.add_argument(
         "--encoder", metavar="KIND",
-        help="what looks at pictures: patches, pca (eigenimages) or none; or what has weights of "
-        "others: torchvision:NAME, timm:NAME, hf:NAME or file:PATH (auto: the first of patches and "
-        "pca that tells where the hand will be, else none)",
+        help="what looks at pictures: patches, pca (eigenimages) or none; or a network with "
+        "weights: torchvision:NAME, timm:NAME, hf:NAME or file:PATH (auto: the first of patches "
+        "and pca that tells where the hand will be, else none)",
     )  # fmt: skip
 
 

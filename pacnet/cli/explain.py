@@ -28,7 +28,8 @@ _DETAILS = """The imitator runs over the episode from its start to the frame, as
 earlier frames decide which demonstrations it follows, and where in each of them it is. The output
 has these demonstrations with their moments and weights, the novelty, the progress, and the action
 beside the actions that were shown at these moments. With points it follows one demonstration, and
-the output names the segment of it and the landmark in whose frame its targets are kept."""
+the output names the segment of it and the landmark in whose frame its targets are kept. With
+cameras it says how unlike what was shown their pictures are."""
 _EXAMPLE = "pacnet explain imitator recordings/new --episode 0 --frame 120"
 
 

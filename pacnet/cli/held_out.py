@@ -31,8 +31,9 @@ def add_held_out(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--held-out", type=whole_number(2), metavar="N",
         help="learn without the last of each N episodes, at most ten of them, and compare the "
-        "imitator there with nearest neighbours and with repeating the last action; fewer than 2 N "
-        "episodes are each left out in turn, and the checkpoint learns them all",
+        "imitator there with nearest neighbours (one of them looks at first pictures) and with "
+        "repeating the last action; fewer than 2 N episodes are each left out in turn, and the "
+        "checkpoint learns them all",
     )  # fmt: skip
 
 

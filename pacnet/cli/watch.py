@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _DETAILS = """The imitator runs over each episode from its start, without acting or learning. The
 output says which task it recognises, where the percepts are unlike the training data, and in
-which dimension."""
+which dimension; or in which camera what is attended to is not found."""
 _EXAMPLE = "pacnet watch imitator recordings/new --out pictures"
 _HEADS = (
     "episode", "<task", "<recognised as", "probability", "since", "novel frames", "max novelty",

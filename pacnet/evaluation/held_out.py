@@ -19,13 +19,16 @@ from pacnet.imitator.imitator import Imitator
 from pacnet.imitator.records import task_name
 
 HISTORY_S = 0.3  # [s]
-BASELINES: Mapping[str, Callable[[], NearestNeighbours | RepeatLast]] = {
+Baselines = Mapping[str, Callable[[], NearestNeighbours | RepeatLast]]
+BASELINES: Baselines = {
     "1-NN": lambda: NearestNeighbours(1),
     "5-NN": lambda: NearestNeighbours(5),
     "5-NN with history": lambda: NearestNeighbours(5, HISTORY_S),
     "repeating the last action": RepeatLast,
 }
 """Name -> what an imitator is compared with."""
+WITH_PICTURE = "1-NN with the first picture"
+"""What it is compared with beside these where all episodes have pictures."""
 
 _IMITATOR = "imitator"
 _LEAST_DEVIATION = 1e-4  # of an action's dimension; below it nothing is compared
@@ -58,7 +61,7 @@ class HeldOutScores(NamedTuple):
     error: float
     """Of the imitator; where it holds, its last action counts, and before it `first_action`."""
     baselines: dict[str, float]
-    """Name, as in `BASELINES` -> its error."""
+    """Name, as in `BASELINES`, and `WITH_PICTURE` -> its error."""
 
 
 class ActedEpisode(NamedTuple):
@@ -122,7 +125,8 @@ def score(
     """
     if not any(len(shown.action) for split in parted for shown in split.held_out):
         raise ValueError("expected splits with frames that are held out, got none")
-    compared = [one for split in parted for one in _compare(split, learn, progress)]
+    baselines = _baselines(parted)
+    compared = [one for split in parted for one in _compare(split, learn, baselines, progress)]
     acted = np.concatenate([one.followed.acted for one in compared])
     novel = np.concatenate([one.followed.novel for one in compared])
     errors = {
@@ -168,14 +172,24 @@ class _Compared(NamedTuple):
     squares: dict[str, NDArray[np.float64]]  # name -> [N]
 
 
+def _baselines(parted: Sequence[Split]) -> Baselines:
+    """Return what an imitator is compared with, also one that sees where it can."""
+    shown = [one for split in parted for data in (split.training, split.held_out) for one in data]
+    first, *others = [one.pictures for one in shown]
+    cameras = [name for name in first if all(name in one for one in others)]
+    seeing = {WITH_PICTURE: lambda: NearestNeighbours(1, cameras=cameras)}
+    return {**BASELINES, **seeing} if cameras else BASELINES
+
+
 def _compare(
     split: Split,
     learn: Callable[[Demonstrations], Imitator],
+    baselines: Baselines,
     progress: Callable[[int], object] | None,
 ) -> Iterator[_Compared]:
     """Learn, then yield each continuous part of what is held out."""
     imitator = learn(split.training)
-    others = {name: make().fit(split.training) for name, make in BASELINES.items()}
+    others = {name: make().fit(split.training) for name, make in baselines.items()}
     known = [shown.action for shown in split.scale or split.training]
     deviations = torch.cat(known).double().numpy().std(axis=0)
     moves = deviations >= _LEAST_DEVIATION

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from pacnet.core.validation import is_integer, is_number
 from pacnet.datasets.demonstrations import Demonstration, Demonstrations
+from pacnet.evaluation.first_pictures import FirstPictures
 
 _BLOCK_BYTES = 2**25  # of distances at a time
 _LEAST_DEVIATION = 1e-5  # below it a dimension does not move
@@ -21,12 +22,14 @@ class NearestNeighbours:
     Distances are Euclidean, each dimension in units of its standard deviation in the training
     data. A dimension that does not move there is scaled by the median factor of the others. With a
     history, a frame is its percept and what that has changed by since `history_s` before, or since
-    the first frame; both are scaled. Nothing is compared across gaps in time.
+    the first frame; both are scaled. With cameras, the first pictures of both episodes count as
+    much, on average. Nothing is compared across gaps in time.
 
     Args:
         k: number of neighbours; all frames where there are fewer.
         history_s: how far back the history reaches [s], rounded to frames and at least one; 0 for
             no history.
+        cameras: whose first pictures are compared.
 
     Example:
         >>> state, none = torch.tensor([[0.0], [1.0], [2.0]]), torch.empty(3, 0)
@@ -37,23 +40,25 @@ class NearestNeighbours:
         array([[5.]], dtype=float32)
     """
 
-    def __init__(self, k: int, history_s: float = 0.0) -> None:
+    def __init__(self, k: int, history_s: float = 0.0, cameras: Sequence[str] = ()) -> None:
         if not is_integer(k, 1):
             raise ValueError(f"expected k as an integer ≥ 1, got {k!r}")
         if not is_number(history_s) or history_s < 0:
             raise ValueError(f"expected history_s ≥ 0 [s], got {history_s!r}")
         self.k = k
         self.history_s = history_s
+        self.cameras = tuple(cameras)
         self._lag = 0  # [frames]
         self._center = self._factors = torch.empty(0, dtype=torch.float64)  # [D or 2 D]
         self._frames = torch.empty(0, 0, dtype=torch.float64)  # [N, D or 2 D], scaled
         self._actions = torch.empty(0, 0)  # [N, U]
+        self._pictures: FirstPictures | None = None
 
     def fit(self, demonstrations: Demonstrations) -> NearestNeighbours:
         """Keep all frames of the training data; return itself.
 
         Raises:
-            ValueError: no frames.
+            ValueError: no frames, or no pictures of a camera.
         """
         parts = _parts(demonstrations)
         self._lag = max(1, round(self.history_s * demonstrations.fps)) if self.history_s else 0
@@ -61,21 +66,23 @@ class NearestNeighbours:
         self._center, self._factors = frames.mean(dim=0), _factors(frames, bool(self._lag))
         self._frames = (frames - self._center) * self._factors
         self._actions = torch.cat([part.action for part in parts])
+        if self.cameras:
+            spread = self._frames.var(dim=0, correction=0).sum().item()
+            self._pictures = FirstPictures(parts, self.cameras, spread)
         return self
 
     def predict(self, demonstration: Demonstration) -> NDArray:
         """Return the action at each frame, float32 `[T, U]`.
 
         Raises:
-            ValueError: before `fit`, or percepts of another width.
+            ValueError: before `fit`, percepts of another width, or no pictures of a camera.
         """
         if not len(self._frames):
             raise ValueError("expected a call of fit before predict, got none")
         width, got = len(self._center) // (2 if self._lag else 1), demonstration.percepts.shape[1]
         if got != width:
             raise ValueError(f"expected percepts of {width} dimensions, as fitted, got {got}")
-        frames = self._describe(demonstration.continuous())
-        nearest = self._nearest((frames - self._center) * self._factors)
+        nearest = torch.cat([self._nearest(part) for part in demonstration.continuous()])
         return self._actions[nearest].mean(dim=1).numpy()
 
     def _describe(self, parts: Sequence[Demonstration]) -> Tensor:
@@ -85,12 +92,15 @@ class NearestNeighbours:
             return torch.cat(percepts)
         return torch.cat([torch.cat([x, _change(x, self._lag)], dim=1) for x in percepts])
 
-    def _nearest(self, queries: Tensor) -> Tensor:
-        """Return the indices `[T, k]` of the frames nearest to each query `[T, D or 2 D]`.
+    def _nearest(self, part: Demonstration) -> Tensor:
+        """Return the indices `[T, k]` of the frames nearest to each of a part.
 
         The squared distance is |q|² + |x|² − 2 q·x, of which |q|² changes no order.
         """
+        queries = (self._describe([part]) - self._center) * self._factors
         lengths, k = self._frames.square().sum(dim=1), min(self.k, len(self._frames))
+        if self._pictures is not None and len(queries):
+            lengths += self._pictures.apart(part)
         rows = max(1, _BLOCK_BYTES // (8 * len(lengths)))
         # One buffer for all blocks: blocks of their own would stay with the allocator.
         buffer = torch.empty(min(rows, len(queries)), len(lengths), dtype=torch.float64)

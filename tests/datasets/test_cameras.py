@@ -1,5 +1,6 @@
 """Claims about the pictures of cameras: each in its place, in every layout, reduced."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from video_files import pictures, write_video
 from pacnet.datasets.demonstrations import load_demonstrations
 from pacnet.datasets.format import DatasetError
 
-TOP, WRIST = "observation.images.top", "observation.images.wrist"
+TOP, WRIST, SIDE = (f"observation.images.{name}" for name in ("top", "wrist", "side"))
 LENGTHS = (5, 3, 4)
 
 
@@ -54,6 +55,22 @@ def test_chosen_episodes_have_their_own_pictures(root: Path):
         assert np.array_equal(
             chosen.episodes[0].pictures[camera], whole.episodes[2].pictures[camera]
         )
+
+
+@pytest.mark.parametrize("write", [*WRITERS.values()])
+def test_videos_that_were_not_asked_for_are_not_opened(write, tmp_path: Path):
+    shown = [episode(number) for number in range(len(LENGTHS))]
+    two = [replace(one, videos={TOP: one.videos[TOP], SIDE: one.videos[TOP]}) for one in shown]
+    root = write(tmp_path / "seen", two)
+    whole = load_demonstrations(root, cameras="top").episodes[2].pictures[TOP]
+    # The third episode is in the last file, alone.
+    _, *others = sorted(root.glob(f"videos/**/*{TOP}*/**/*.mp4"), reverse=True)
+    for path in [*others, *root.glob(f"videos/**/*{SIDE}*/**/*.mp4")]:
+        path.write_bytes(b"no video")
+    chosen = load_demonstrations(root, cameras="top", episodes=[2])
+    assert np.array_equal(chosen.episodes[0].pictures[TOP], whole)
+    with pytest.raises(DatasetError, match="cannot be read"):
+        load_demonstrations(root, cameras="top", episodes=[1, 2])
 
 
 def test_cameras_are_chosen_by_name_or_its_last_part(root: Path):

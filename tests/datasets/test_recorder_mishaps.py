@@ -417,7 +417,7 @@ def test_processes_that_open_and_close_at_the_same_time_only_wait(
 ):
     record(tmp_path / "new", *seeds)
     processes = [
-        forks.Process(target=open_and_close, args=(tmp_path / "new", 200)) for _ in range(4)
+        forks.Process(target=open_and_close, args=(tmp_path / "new", 100)) for _ in range(4)
     ]
     for process in processes:
         process.start()

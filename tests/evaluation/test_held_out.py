@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -144,6 +145,28 @@ def test_the_errors_of_a_tiny_case():
         "5-NN with history": pytest.approx(math.sqrt(5 / 3) / 2),
         "repeating the last action": pytest.approx(math.sqrt(14 / 3) / 2),
     }
+
+
+def test_who_sees_is_compared_only_where_all_episodes_have_pictures():
+    def pictured(one: Demonstration, level: int, *cameras: str) -> Demonstration:
+        seen = np.full((len(one.state), 16, 16, 3), level, np.uint8)
+        return replace(one, pictures=dict.fromkeys(cameras, seen))
+
+    first = pictured(episode(0, [0], [2]), 0, "top")
+    second = pictured(episode(1, [10], [6]), 200, "top", "left")
+    out = pictured(episode(2, [1], [6]), 200, "top", "left")
+
+    def errors(training: Demonstrations) -> dict[str, float]:
+        imitator = Scripted({1.0: (6.0, False)}, first=0.0)
+        return score([Split(training, shown(out))], lambda _: imitator).baselines
+
+    # The actions deviate by 2. The state is nearest to the first's, the picture to the second's,
+    # and both count alike: 4 (.1)² + 4 > 4 (.9)².
+    seeing = errors(shown(first, second))
+    assert seeing["1-NN"] == 2
+    assert seeing["1-NN with the first picture"] == 0
+    for lacking in (replace(first, pictures={}), pictured(first, 0, "right")):
+        assert "1-NN with the first picture" not in errors(shown(lacking, second))
 
 
 def test_dimensions_of_actions_that_did_not_move_are_not_compared():

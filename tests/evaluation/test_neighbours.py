@@ -137,6 +137,58 @@ def test_a_history_does_not_reach_across_gaps():
     np.testing.assert_array_equal(apart.predict(joined), np.vstack(parts))
 
 
+def pictured(*levels: float, frames: int = 2) -> list[Demonstration]:
+    """Episodes at x from 0 on, each with its actions, and pictures with one patch of some grey."""
+    episodes = []
+    for number, level in enumerate(levels):
+        pictures = np.zeros((frames, 32, 48, 3), np.uint8)
+        pictures[0, :2, :3] = level  # one cell of 16 × 16; later pictures do not count
+        episodes.append(
+            episode(
+                np.arange(frames)[:, None],
+                10 * number + np.arange(frames)[:, None],
+                episode=number,
+                pictures={"top": pictures},
+            )
+        )
+    return episodes
+
+
+def test_the_first_picture_tells_which_episode_is_near():
+    *known, asked = pictured(0, 200, 120)
+    blind = NearestNeighbours(1).fit(shown(*known))
+    np.testing.assert_array_equal(blind.predict(asked).ravel(), [0, 1])
+    seeing = NearestNeighbours(1, cameras=["top"]).fit(shown(*known))
+    np.testing.assert_array_equal(seeing.predict(asked).ravel(), [10, 11])
+    (darker,) = pictured(90)
+    np.testing.assert_array_equal(seeing.predict(darker).ravel(), [0, 1])
+
+
+def test_first_pictures_count_as_much_as_percepts():
+    # x is 0 or 1, a deviation of 1/2: when it is scaled, the squared distance of both is 4. That of
+    # both pictures is to be the same.
+    known = pictured(0, 200)
+    seeing = NearestNeighbours(1, cameras=["top"]).fit(shown(*known))
+    assert seeing._pictures is not None
+    apart = seeing._pictures.apart(known[0])
+    np.testing.assert_allclose(apart, [0, 0, 4, 4])
+
+
+def test_each_part_has_a_first_picture_of_its_own():
+    (asked,) = pictured(0, frames=4)
+    asked.pictures["top"][2, :2, :3] = 200
+    asked = episode(asked.state, asked.action, gaps=(2,), pictures=asked.pictures)
+    known = pictured(0, 200, frames=4)
+    answer = NearestNeighbours(1, cameras=["top"]).fit(shown(*known)).predict(asked)
+    np.testing.assert_array_equal(answer.ravel(), [0, 1, 12, 13])
+
+
+def test_the_same_picture_in_all_episodes_tells_nothing():
+    known = pictured(90, 90)
+    answer = NearestNeighbours(1, cameras=["top"]).fit(shown(*known)).predict(pictured(3)[0])
+    np.testing.assert_array_equal(answer, NearestNeighbours(1).fit(shown(*known)).predict(known[0]))
+
+
 def test_there_may_be_fewer_frames_than_neighbours_and_nothing_to_answer():
     fitted = NearestNeighbours(5).fit(shown(episode([[0], [1]], [[1], [3]])))
     np.testing.assert_array_equal(fitted.predict(episode([[0]], [[0]])), [[2]])
@@ -179,6 +231,8 @@ def test_bad_settings_and_other_percepts_are_refused():
         fitted = NearestNeighbours(1, history_s).fit(shown(drawn(0, 9)))
         with pytest.raises(ValueError, match="expected percepts of 3 dimensions, as fitted, got 2"):
             fitted.predict(drawn(0, 9, 2))
+    with pytest.raises(ValueError, match="expected pictures of 'top', episode 0 has none"):
+        NearestNeighbours(1, cameras=["top"]).fit(shown(drawn(0, 9)))
 
 
 MEMORY = """

@@ -1,6 +1,7 @@
 """The LeRobot policy looks at pictures: learned from a dataset's files, acted on from batches."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,6 +22,7 @@ from lerobot_policy_pacnet.pictures import DatasetPictures, pictures_of
 
 from lerobot_policy_pacnet import PACNetConfig, PACNetPolicy
 from pacnet.datasets.demonstrations import Demonstrations, load_demonstrations
+from pacnet.datasets.format import DatasetError, DatasetWarning
 from pacnet.imitator.imitator import Imitator
 
 STATE, ACTION, LEFT = "observation.state", "action", "observation.images.left"
@@ -127,6 +129,33 @@ def test_it_acts_on_pictures_as_the_imitator_does(folder: Path, trained: PACNetP
         np.testing.assert_array_equal(action.numpy(), wanted)
 
 
+def test_pictures_are_read_only_while_they_are_looked_at(
+    folder: Path, trained: PACNetPolicy, tmp_path: Path
+):
+    shown, tasks, until = seen(folder / "others").episodes, ["reach", "reach"], 2
+    trained.save_pretrained(tmp_path)
+    policy = PACNetPolicy.from_pretrained(tmp_path)
+    cameras = policy.imitator.cameras
+    cameras.config = replace(cameras.config, until=until)
+    policy.reset()
+
+    def act(frame: int, *pictures: Tensor) -> None:
+        state = torch.stack([one.state[frame] for one in shown])
+        policy.select_action({STATE: state, TOP: torch.cat(pictures), LEFT: None, "task": tasks})
+
+    unread = torch.full((1, 3, HEIGHT, WIDTH), torch.nan)  # refused when it is converted
+    first, second = (as_lerobot(one.pictures[TOP][:1]) for one in shown)
+    with pytest.raises(ValueError, match="float from 0 to 1"):
+        act(0, first, unread)
+    for frame in range(until + 1):
+        act(frame, first, second)
+    act(until + 1, unread, unread)
+    tasks[1] = ""  # the second robot begins a new episode
+    with pytest.raises(ValueError, match="float from 0 to 1"):
+        act(until + 2, unread, unread)
+    act(until + 2, unread, second)
+
+
 @pytest.mark.parametrize("goal", [(0.3, 0.8), (0.7, 0.3)])
 def test_the_hand_goes_where_the_picture_shows_the_square(
     goal: tuple[float, float], trained: PACNetPolicy
@@ -175,6 +204,7 @@ def test_an_unfinished_pass_is_seen_too_and_goes_on(folder: Path, tmp_path: Path
 
 def test_frames_that_were_collected_have_their_own_pictures(folder: Path):
     pictures = DatasetPictures(folder / "shown", [TOP], named=True)
+    pictures.read([2])
     expected = seen(folder / "shown").episodes[2].pictures[TOP]
     first = 2 * sights.FRAMES
     some = pictures.of_frames(2, first + torch.tensor([0, 5, 39]))
@@ -184,7 +214,46 @@ def test_frames_that_were_collected_have_their_own_pictures(folder: Path):
     with pytest.raises(ValueError, match="expected 40 frames in episode 2, got others"):
         pictures.of_frames(2, torch.tensor([first - 1]))
     with pytest.raises(ValueError, match="expected pictures of episode 9"):
-        pictures.of_frames(9, torch.tensor([0]))
+        pictures.read([9])
+
+
+@pytest.mark.parametrize("broken", [TOP, LEFT])
+def test_what_is_not_learned_is_not_read(folder: Path, tmp_path: Path, broken: str):
+    one = seen(folder / "shown").episodes[0]
+    both = {LEFT: one.pictures[TOP], TOP: one.pictures[TOP]}
+    episodes = tuple(replace(one, episode=number, pictures=both) for number in range(3))
+    shown = replace(seen(folder / "shown"), episodes=episodes)
+    root = sights.write(tmp_path / "both", shown)
+    for path in root.glob(f"videos/{broken}/**/*.mp4"):
+        path.write_bytes(b"")
+    left, top = (DatasetPictures(root, [name], named=False) for name in (LEFT, TOP))
+    whole, unread = (left, top) if broken == TOP else (top, left)
+    whole.read([1])
+    assert len(whole.of_frames(1, sights.FRAMES + torch.arange(sights.FRAMES))) == 1
+    with pytest.raises(DatasetError, match=f"the camera '{broken}' cannot be read"):
+        unread.read([1])
+    every = DatasetPictures(root, [LEFT, TOP], named=False)
+    with pytest.warns(DatasetWarning, match=f"left out the camera '{broken}'"):
+        every.read([1])
+    with pytest.raises(DatasetError, match="expected a camera of the dataset"):
+        DatasetPictures(root, ["observation.images.wrist"], named=False)
+
+
+def test_videos_of_episodes_that_are_not_learned_are_not_opened(folder: Path, tmp_path: Path):
+    root = sights.write(tmp_path / "seen", seen(folder / "shown"))
+    part = seen(root)
+    sights.write(root, sights.demonstrations(1, seed=7))  # has a file of its own
+    _, own = sorted(root.glob("videos/**/*.mp4"))
+    whole = seen(root)
+    own.write_bytes(b"no video")
+    policy = policy_for(root)
+    for batch in batches(part, seed=1, size=64):
+        policy.forward(batch)
+    policy.eval()
+    assert policy.imitator.cameras.features == (TOP,)
+    policy.train()
+    with pytest.raises(DatasetError, match=f"in episode {SHOWN} cannot be read"):
+        policy.forward(next(batches(whole, seed=1, size=10**6)))
 
 
 def test_a_second_dataset_is_seen_by_the_same_cameras(folder: Path, tmp_path: Path):
@@ -249,7 +318,7 @@ def test_pictures_are_the_same_in_every_form():
     last = torch.from_numpy(rows)
     forms = [as_lerobot(rows), as_lerobot(rows)[:, None], last, last.permute(0, 3, 1, 2)]
     for form in forms:
-        got = pictures_of({TOP: form}, [TOP], 2)
+        got = pictures_of({TOP: form}, [TOP], [True, True])
         np.testing.assert_array_equal(np.stack([one[TOP] for one in got]), rows)
 
 

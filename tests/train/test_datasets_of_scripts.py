@@ -21,7 +21,7 @@ DRAWN = Replicate(SEED, (None, "tremor", None, "miss", None, None, None, "interr
 RECORDED: dict[str, Callable[[Path], object]] = {
     "postural_imitation": lambda folder: learning.record(folder, SEED, 8),
     "demonstrate": lambda folder: learning.record(folder, SEED, 8, "move", "move it"),
-    "demonstrate --camera": lambda folder: watching.record(folder, SEED, 4),
+    "demonstrate --camera": lambda folder: watching.record(folder, SEED, 2),
     "behaviours": lambda folder: behaviours.record(folder, SEED, 4),
     "schema_network": lambda folder: schema_network.demonstrate(SEED, folder),
     "retraining": lambda folder: record(DRAWN, folder),

@@ -27,6 +27,7 @@ from pacnet.vision import Cameras
 from pacnet.vision.fitting import CameraReport, fit_cameras
 
 HAND = ("x", "y")
+DRAWS = 10
 
 
 def fitted(
@@ -64,9 +65,9 @@ def noise(seed: int) -> np.ndarray:
 
 @pytest.mark.parametrize("count", [5, pytest.param(12, marks=pytest.mark.slow)])
 def test_pictures_that_tell_nothing_are_said_not_to_help(count: int):
-    """In 20 draws at most 2 may look as if they did."""
+    """At most one draw in ten may look as if they did."""
     helps = 0
-    for seed in range(20):
+    for seed in range(DRAWS):
         discs = places(count, seed=500 + seed)
         episodes = [
             with_pictures(disc, number, noise(100 * seed + number))
@@ -74,18 +75,18 @@ def test_pictures_that_tell_nothing_are_said_not_to_help(count: int):
         ]
         cameras, _ = fitted(shown(*episodes))
         helps += cameras is not None
-    assert helps <= 2
+    assert helps <= DRAWS / 10
 
 
 @pytest.mark.parametrize("count", [5, pytest.param(12, marks=pytest.mark.slow)])
 def test_a_disc_that_moves_is_said_to_help(count: int):
     helps = 0
-    for seed in range(20):
+    for seed in range(DRAWS):
         discs = enumerate(places(count, seed=500 + seed))
         episodes = [with_pictures(disc, n, picture_of(disc, seed=n)) for n, disc in discs]
         cameras, _ = fitted(shown(*episodes))
         helps += cameras is not None
-    assert helps >= 18
+    assert helps >= 0.9 * DRAWS
 
 
 @pytest.mark.parametrize("count", [1, 2])

@@ -58,17 +58,23 @@ def parse_arguments(arguments: Sequence[str] | None = None) -> Arguments:
     )
     add = parser.add_argument
     add("--camera", action="store_true", help="this part of the benchmark")
-    add("--tasks", nargs="+", metavar="NAME", default=list(TASKS), help=f"({' '.join(TASKS)})")
-    add("--first-draw", type=int, default=0, metavar="D", help="the first one (0)")
-    add("--draws", type=int, default=3, help="choices of demonstrations for each task (3)")
+    add(
+        "--tasks", nargs="+", metavar="NAME", default=list(TASKS),
+        help=f"what is done ({' '.join(TASKS)})",
+    )  # fmt: skip
+    add("--first-draw", type=int, default=0, metavar="D", help="number of the first draw (0)")
+    add("--draws", type=int, default=3, help="draws: choices of demonstrations for a task (3)")
     add(
         "--demonstrations", type=int, nargs="+", metavar="N", default=[5, 20],
         help=f"how many are learned, {NUMBER} at most (5 20)",
     )  # fmt: skip
-    add("--episodes", type=int, default=50, help="of each cell, the same for all learners (50)")
+    add(
+        "--episodes", type=int, default=50,
+        help="run after each learning, the same for all learners (50)",
+    )  # fmt: skip
     add(
         "--learners", nargs="+", choices=LEARNERS, default=list(LEARNERS), metavar="NAME",
-        help=f"out of {', '.join(LEARNERS)} (all)",
+        help=f"out of {', '.join(LEARNERS)}; act is LeRobot's ACT (all)",
     )  # fmt: skip
     sights = [name or UNDISTURBED for name in SIGHTS]
     add(

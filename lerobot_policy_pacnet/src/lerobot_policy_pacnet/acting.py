@@ -73,7 +73,7 @@ class Actor:
         Args:
             percept: `[D]`.
             ask: called with the step and the percept where the imitator gives no action.
-            pictures: of the cameras that the imitator looks at; None without any.
+            pictures: of the cameras, while the imitator looks at them; None without any.
 
         Returns:
             The action `[U]`, and the imitator's step.

@@ -86,10 +86,12 @@ class Frames:
             pictures: what cameras show of them; None without any.
 
         Raises:
-            ValueError: there are no pictures of a frame.
+            ValueError: there are no pictures of a frame, or they cannot be read.
         """
         added = (self.episode != _MISSING).nonzero().flatten()
         numbers, lengths = self.episode[added].unique_consecutive(return_counts=True)
+        if pictures is not None:
+            pictures.read(numbers.tolist())
         return [
             Demonstration(
                 number,

@@ -25,6 +25,7 @@ from lerobot_policy_pacnet.parts import check_policy, record_parts
 from lerobot_policy_pacnet.pictures import pictures_of
 from lerobot_policy_pacnet.telling import novelty_of, tell_cameras
 from lerobot_policy_pacnet.training import Training
+from pacnet.datasets.format import DatasetError
 from pacnet.imitator.imitator import Imitator, full_precision
 from pacnet.imitator.records import ImitatorStep
 
@@ -39,7 +40,7 @@ class PACNetPolicy(PreTrainedPolicy):
         config: see `PACNetConfig`.
         dataset_stats: statistics of the dataset; not used.
         dataset_meta: LeRobot's metadata of the dataset to learn; None to act only. With cameras
-            their pictures are read from its folder when training begins.
+            the pictures of its episodes are read from its folder once their frames were added.
 
     Attributes:
         ask: called with the step and the percept `[D]` where the imitator gives no action; returns
@@ -124,9 +125,9 @@ class PACNetPolicy(PreTrainedPolicy):
         """Return the action for each row of a batch, going on from the last call.
 
         Args:
-            batch: observations, B rows, with pictures of the cameras that are used; each row has a
-                recall episode of its own. A `task`, a text or one for each row, restricts what is
-                followed to what was shown for it.
+            batch: observations, B rows, with pictures of the cameras that are used while the
+                imitator looks; each row has a recall episode of its own. A `task`, a text or one
+                for each row, restricts what is followed to what was shown for it.
 
         Returns:
             Actions `[B, U]`.
@@ -139,11 +140,13 @@ class PACNetPolicy(PreTrainedPolicy):
         tasks = tasks_of(batch, len(percepts), self.config.task)
         actors = self._actors_for(len(percepts))
         cameras = actors[0].imitator.cameras
-        pictures = pictures_of(batch, () if cameras is None else cameras.features, len(percepts))
+        features = () if cameras is None else cameras.features
         # Tensors made in a caller's inference mode could not be changed outside it.
         with torch.inference_mode(False):
             for actor, task in zip(actors, tasks, strict=True):
                 actor.pursue(task)
+            looking = [actor.imitator.is_looking for actor in actors]
+            pictures = pictures_of(batch, features, looking)
             acted = [
                 actor.act(row, self.ask, seen)
                 for actor, row, seen in zip(actors, percepts, pictures, strict=True)
@@ -232,7 +235,7 @@ class PACNetPolicy(PreTrainedPolicy):
         elif before.dataset.fingerprint != dataset.fingerprint:
             self._training = Training(self.config, dataset, before.imitator, before.contents())
         assert self._training is not None
-        self._training.read_pictures(meta.root)
+        self._training.find_pictures(meta.root)
         self._is_current = True
         return self._training
 
@@ -242,6 +245,8 @@ class PACNetPolicy(PreTrainedPolicy):
             return
         try:
             training.consolidate()
+        except DatasetError:
+            raise  # pictures that cannot be read
         except ValueError as error:
             logger.warning("nothing can be learned from %d frames: %s", len(training.frames), error)
 

@@ -88,14 +88,14 @@ class Training:
             return f"what was learned from all {total} frames of {source}"
         return f"what was learned from {self._learned} of the {total} frames of {source}"
 
-    def read_pictures(self, root: str | Path) -> None:
-        """Read what cameras show from the dataset's files, unless all is learned.
+    def find_pictures(self, root: str | Path) -> None:
+        """Find the files of what cameras show, unless all is learned.
 
         Args:
             root: the dataset's folder.
 
         Raises:
-            DatasetError: the pictures cannot be read.
+            DatasetError: the dataset cannot be read, or lacks a camera.
         """
         named, cameras = self.config.cameras is not None, self.config.camera_features
         if self.base is not None:
@@ -152,6 +152,7 @@ class Training:
         action may be missing.
 
         Raises:
+            DatasetError: the pictures cannot be read; the imitator has not changed.
             ValueError: these frames cannot be learned; the imitator has not changed.
         """
         count = len(self.frames)
