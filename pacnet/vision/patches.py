@@ -114,32 +114,15 @@ class Patches(nn.Module):
         groups, penalties = places.transpose(0, 1), unlike.double()
         most = min(_MOST, max(1, (len(pictures) - 2) // 2))
         choice = choose(groups, penalties, goals, most)
-        unlike = torch.cat([1 - found.scores, (1 - again.scores).masked_fill(moved, 0.0)])
-        self._keep(patches, stands_out, found.places, unlike, list(choice.columns))
+        self._keep(patches, stands_out, found, list(choice.columns))
         return groups[list(choice.columns)].transpose(0, 1).flatten(1), choice
 
-    def _keep(
-        self,
-        patches: Tensor,
-        stands_out: Tensor,
-        places: Tensor,
-        unlike: Tensor,
-        chosen: list[int],
-    ) -> None:
-        """Keep the chosen patches.
-
-        Args:
-            patches: all candidates, `[K, 3, size, size]`.
-            stands_out: which of them are looked for in pictures less their background, `[K]`.
-            places: where they were found in N pictures, `[N, K, 2]`.
-            unlike: 1 − correlation in pictures where they were, at the beginning or on the way,
-                `[M, K]`; 0 where a patch was not.
-            chosen: the numbers of those that are kept.
-        """
-        places = places[:, chosen]
+    def _keep(self, patches: Tensor, stands_out: Tensor, found: Found, chosen: list[int]) -> None:
+        """Keep the chosen ones of K candidates."""
+        places, unlike = found.places[:, chosen], 1 - found.scores[:, chosen]
         lowest, highest = places.amin(dim=0), places.amax(dim=0)
         beyond = _BEYOND / len(places) * (highest - lowest) + _PIXELS
-        worst = unlike[:, chosen].amax(dim=0) * allowance(len(places)) + _by_noise(patches[chosen])
+        worst = unlike.amax(dim=0) * allowance(len(places)) + _by_noise(patches[chosen])
         rows = {"patch": patches[chosen], "low": lowest - beyond, "high": highest + beyond}
         self.rows.replace({**rows, "stands_out": stands_out[chosen], "worst": worst})
 
