@@ -232,9 +232,13 @@ class Imitator(ImitatorState):
         end = _END * self.config.fps
         if known.framed is not None and self.frames is not None:
             names = self.config.point_dimensions
-            return framed_step(percept, known.framed, self.frames.config, names, end)
-        scaled = percept * self._scale
-        return followed_step(percept, scaled, known, self.config, self.forward_model, end)
+            step = framed_step(percept, known.framed, self.frames.config, names, end)
+        else:
+            scaled = percept * self._scale
+            step = followed_step(percept, scaled, known, self.config, self.forward_model, end)
+        if self._looking is not None and step.action is not None:
+            self._looking.acted()
+        return step
 
     def _checked(self, percept: NDArray[np.float32] | Tensor) -> NDArray[np.float32]:
         """Return a percept, without what cameras tell, of which no number is too large."""

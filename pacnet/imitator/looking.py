@@ -64,6 +64,11 @@ class Looking:
         self._sight = sight
         return seen
 
+    def acted(self) -> None:
+        """Take note that the robot acts on what was seen."""
+        if self._sight is not None:
+            self._sight.acted()
+
     def unseen(self, seen: Seen) -> ImitatorStep:
         """Return a step at pictures that are novel: nothing is done."""
         name, doubt = self._cameras.features[seen.camera], seen.doubt
@@ -125,8 +130,6 @@ class Looking:
         """
         numbers = first + np.cumsum([0, *(len(shown.gaps) + 1 for shown in whole)])
         learned = int(np.searchsorted(numbers[1:], len(kept), side="right"))
-        if learned == 0:
-            return
         with self._learning, torch.inference_mode(False):
             draft = draft_of(self._cameras)
             part = replace(whole, episodes=whole.episodes[:learned])

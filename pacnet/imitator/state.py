@@ -304,6 +304,8 @@ class ImitatorState(nn.Module):
             raise ValueError(
                 f"expected a report of each of {len(task)} demonstrations learned, got {count}"
             )
+        if self.cameras is not None:
+            self.cameras.check_shown(count)
         known = self.tasks
         numbers = [known.index(task_name(report.task)) for report in self.reports[:count]]
         if task != numbers:

@@ -164,6 +164,8 @@ class Cameras(nn.Module):
             for frame in range(len(shown.state)):
                 now = {name: frames[frame] for name, frames in pictures.items()}
                 seen.append(sight.last or sight(self.checked(now)))
+                if seen[-1].doubt <= 1:
+                    sight.acted()
             return seen
         except ValueError as error:
             raise ValueError(f"episode {shown.episode}: {error}") from None
@@ -191,10 +193,10 @@ class Cameras(nn.Module):
         Args:
             demonstrations: some.
             hands: where the hand is in them.
-            numbers: of the demonstrations, ascending; if the first is 0, all are new.
+            numbers: of the demonstrations, ascending.
         """
-        if 0 in numbers:
-            for encoder in self.encoders.values():
+        for encoder in self.encoders.values():
+            if len(encoder.later):  # what it was fitted to may not be what was learned
                 encoder.forget()
         for shown, hand, number in zip(demonstrations, hands, numbers, strict=True):
             if shown.first_frame > 0 or not {*self.features} <= {*shown.pictures}:
@@ -238,6 +240,17 @@ class Cameras(nn.Module):
     def __getstate__(self) -> dict[str, Any]:
         """Leave out of copies what they derive anew."""
         return {**self.__dict__, "_cache": None}
+
+    def check_shown(self, count: int) -> None:
+        """Raise a ValueError if more than so many demonstrations are remembered to be learned."""
+        for encoder in self.encoders.values():
+            shown = encoder.shown
+            ends = shown.live("demonstration") + shown.live("parts")
+            if not len(encoder.later) and (ends > count).any():
+                raise ValueError(
+                    f"expected pictures of the {count} demonstrations learned, got those of number "
+                    f"{int(ends.max()) - 1}"
+                )
 
     def check_state(self, tensors: Mapping[str, Tensor]) -> None:
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""

@@ -66,15 +66,18 @@ def fit_cameras(
         encoder: the kind, for all cameras; "auto" for the first built-in one that tells goals.
 
     Raises:
-        ValueError: an unknown kind; pictures that are not reduced, as those that it acts on are.
+        ValueError: an unknown kind; pictures that are none, or not one for each frame, or not
+            reduced, as those that it acts on are.
     """
     if encoder != AUTO and not is_kind(encoder):
         raise ValueError(f"expected an encoder out of auto, {KINDS_TEXT}, got {encoder!r}")
     whole = [
         (number, shown, hand)
         for number, (shown, hand) in enumerate(zip(demonstrations, hands, strict=True))
-        if shown.first_frame == 0
+        if shown.first_frame == 0 and len(hand)
     ]
+    for _, shown, _ in whole:
+        _check_pictures(shown)
     features = _everywhere([shown for _, shown, _ in whole])
     for feature in features:
         _check_reduced(feature, whole[0][1].pictures[feature])
@@ -123,6 +126,16 @@ def _everywhere(episodes: Sequence[Demonstration]) -> tuple[str, ...]:
         == 1
         and min(episodes[0].pictures[feature].shape[1:3]) >= _SMALLEST
     )
+
+
+def _check_pictures(shown: Demonstration) -> None:
+    for feature, pictures in shown.pictures.items():
+        dtype, shape = getattr(pictures, "dtype", None), tuple(getattr(pictures, "shape", ()))
+        if dtype != np.uint8 or len(shape) != 4 or shape[::3] != (len(shown.state), 3):
+            raise ValueError(
+                f"episode {shown.episode}: expected pictures of {feature!r} as uint8 "
+                f"[{len(shown.state)}, height, width, 3], got {dtype} {[*shape]}"
+            )
 
 
 def _check_reduced(feature: str, pictures: NDArray[np.uint8]) -> None:

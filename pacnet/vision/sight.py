@@ -41,8 +41,8 @@ class Sight:
     Args:
         encoders: of the cameras.
         at_once: looks of which the median is taken.
-        until: frames that are seen with certainty, and acted on, after which the hand may be in
-            the way.
+        until: frames in which something is done after which the hand may be in the way; `acted`
+            counts them.
     """
 
     def __init__(self, encoders: Sequence[ImageEncoder], at_once: int, until: int) -> None:
@@ -75,8 +75,11 @@ class Sight:
             return self._last
         fused = (self._shares * goals).sum(axis=0).astype(np.float32)
         self._last = Seen(fused, doubts[camera], camera, tuple(looks))
-        self._frames += is_certain
         return self._last
+
+    def acted(self) -> None:
+        """Take note that something is done in this frame, by which the hand comes nearer."""
+        self._frames += 1
 
     def _take(self, camera: int, look: Look) -> NDArray[np.float32]:
         """Take in one camera's look; return the goals that it tells by now."""

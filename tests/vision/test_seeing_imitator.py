@@ -339,3 +339,70 @@ def test_demonstrations_without_pictures_are_no_harm_or_refused_by_name(trained:
     with pytest.raises(ValueError, match="episode 0: expected a picture of"):
         other.learn(shown(middle))
     assert len(other.reports) == 7
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda pictures: pictures[..., 0],
+        lambda pictures: pictures[:0],
+        lambda pictures: pictures[:-1],
+        lambda pictures: pictures.astype(np.float32) / 255,
+        lambda pictures: pictures.astype(np.uint16) * 257,
+    ],
+    ids=["grey", "none", "one too few", "float", "16 bits"],
+)
+def test_settings_are_not_chosen_from_what_are_no_pictures(
+    five: Demonstrations, change: Callable[[np.ndarray], np.ndarray]
+):
+    first, *others = five.episodes
+    pictures = {TOP: change(first.pictures[TOP])}
+    strange = replace(five, episodes=(replace(first, pictures=pictures), *others))
+    frames = len(first.state)
+    with pytest.raises(ValueError, match=rf"episode 0: .*{TOP}.*uint8 \[{frames}, height, width"):
+        Imitator.from_demonstrations(strange, points=POINTS)
+
+
+def test_what_was_interrupted_in_a_first_episode_with_a_gap_can_be_saved(
+    five: Demonstrations, tmp_path: Path
+):
+    """Its first part is learned, so its beginning is not remembered as that of a whole."""
+    first, *others = five.episodes
+    torn = replace(five, episodes=(replace(first, gaps=(8,)), *others))
+    imitator = Imitator.from_demonstrations(torn, points=POINTS)
+
+    def interrupt(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        imitator.learn(torn, interrupt)
+    assert len(imitator.reports) == 1
+    imitator.learn(shown(*others))
+    imitator.save_pretrained(tmp_path)
+    cameras = Imitator.from_pretrained(tmp_path).cameras
+    assert cameras is not None
+    (encoder,) = cameras.encoders.values()
+    assert encoder.shown.live("demonstration").tolist() == [1, 2, 3, 4]
+
+
+def test_a_checkpoint_with_pictures_of_unknown_demonstrations_is_refused(
+    trained: Imitator, tmp_path: Path
+):
+    trained.save_pretrained(tmp_path)
+    tensors = load_file(tmp_path / "model.safetensors")
+    name = next(name for name in tensors if name.endswith("shown.demonstration"))
+    tensors[name] = tensors[name] + 1000
+    save_file(tensors, tmp_path / "model.safetensors")
+    damaged = pytest.warns(UserWarning, match="digest")
+    with damaged, pytest.raises(ValueError, match="pictures of the 5 demonstrations"):
+        Imitator.from_pretrained(tmp_path)
+
+
+def test_while_it_holds_for_another_reason_it_goes_on_looking(trained: Imitator):
+    """The hand is where it never was: nothing is done, so it does not come nearer either."""
+    trained.reset()
+    disc, elsewhere = UNSEEN[0], np.float32([30.0, 30.0])
+    for frame in range(60):
+        step = trained.step(elsewhere, {TOP: picture_of(disc, seed=frame)})
+        assert step.action is None
+    assert trained.is_looking

@@ -31,7 +31,12 @@ class Script:
 
 def seen_by(*encoders: Script, at_once: int = 5, until: int = 100, frames: int = 8) -> list:
     sight = Sight(encoders, at_once, until)  # pyright: ignore[reportArgumentType]
-    return [sight.last or sight([PICTURE] * len(encoders)) for _ in range(frames)]
+    seen = []
+    for _ in range(frames):
+        seen.append(sight.last or sight([PICTURE] * len(encoders)))
+        if seen[-1].doubt <= 1:
+            sight.acted()
+    return seen
 
 
 def test_one_bad_look_is_outvoted():
@@ -87,6 +92,15 @@ def test_frames_without_an_action_do_not_count_towards_it():
     seen = seen_by(script, at_once=1, until=2, frames=20)
     assert script.asked == 6 + 3
     assert seen[-1].goals[0] == 2
+
+
+def test_looking_goes_on_while_nothing_is_done():
+    """A robot that is held up elsewhere: the hand comes no nearer, and a doubt is an alarm."""
+    script = Script(*[(2, 0.1)] * 50, (50, 9.0))
+    sight = Sight([script], 1, 5)  # pyright: ignore[reportArgumentType]
+    seen = [sight.last or sight([PICTURE]) for _ in range(60)]
+    assert script.asked == 60
+    assert seen[-1].doubt == 9
 
 
 def test_the_exact_camera_has_the_say():
