@@ -126,6 +126,10 @@ def short_name(feature: str) -> str:
 
 def _text(camera: Mapping[str, Any], moved: str | None) -> str:
     """Return what a camera tells of where the moved point will be, or without one the posture."""
+    from pacnet.vision.encoder import LEAST  # imports torch
+
+    if camera["used"] and camera["demonstrations"] < LEAST:
+        return f"tells nothing, from {LEAST} demonstrations on it may: only the same place will do"
     if camera["used"]:
         what, unit = (moved, f"the unit of {moved}") if moved else ("the posture", "scaled angles")
         judged = "" if camera["error"] < camera["alone"] else "used as asked, does not help: "

@@ -66,6 +66,16 @@ def test_too_few_demonstrations_are_said(
     assert value_of("cameras", capsys.readouterr().out) == text
 
 
+def test_after_one_demonstration_only_the_same_place_will_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    sights.write(tmp_path / "one", sights.demonstrations(1))
+    capsys.readouterr()
+    asked = ("--out", tmp_path / "imitator", "--encoder", "patches")
+    assert run("fit", tmp_path / "one", *asked) == 0
+    assert "only the same place will do" in value_of("cameras", capsys.readouterr().out)
+
+
 def test_a_camera_that_does_not_help_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     sights.write(tmp_path / "bare", sights.demonstrations(SHOWN, seen=False))
     assert run("fit", tmp_path / "bare", "--out", tmp_path / "out") == 0

@@ -104,6 +104,13 @@ def test_what_tells_is_found_among_much_that_does_not(rows: int):
     assert np.mean([chance <= SIGNIFICANT for chance in chances]) >= 0.9
 
 
+@pytest.mark.parametrize("rows", [3, 4])
+def test_few_rows_are_never_more_than_chance(rows: int):
+    """Of three rows one permutation in six leaves all as it is, of four one in 24."""
+    chances = [chance_of(seed, rows, telling=True) for seed in range(60)]
+    assert min(chances) >= {3: 0.1, 4: 0.02}[rows]
+
+
 def test_the_groups_that_tell_are_chosen_and_no_more():
     groups, goals = drawn(30, 15, 2), drawn(15, 4, seed=1)
     groups[3], groups[21] = goals[:, :2], goals[:, 2:]
