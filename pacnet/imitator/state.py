@@ -164,7 +164,9 @@ class ImitatorState(nn.Module):
     def _current(self) -> Known:
         """Return what is known now; no thread may be changing it."""
         versions = self._versions
-        if versions is not None and not versions.unchanged():
+        if versions is None:
+            self._forget_derived()  # what was made from a state before a body was loaded, say
+        elif not versions.unchanged():
             self._begin_again()  # rows may be others now
         known = self._known
         if known is None:
