@@ -44,6 +44,9 @@ _STILL = 1.0  # pixels: what moves by less in all demonstrations moves by noise
 _BEYOND = 15.0  # ranges of a patch's places, over their number: how far beyond it is looked for
 _PIXELS = 3.0  # and so many more
 _MARGIN, _FEW = 0.9, 8  # as of the detector of novelty: of N demonstrations, _FEW / N of it
+_UNLIKE_BY_CODING = (
+    0.02  # 1 − correlation: a video's frames differ by as much, also of still things
+)
 _NOISE = 10 / 255  # standard deviation of a camera's noise, which is nothing new
 
 
@@ -123,6 +126,7 @@ class Patches(nn.Module):
         lowest, highest = places.amin(dim=0), places.amax(dim=0)
         beyond = _BEYOND / len(places) * (highest - lowest) + _PIXELS
         worst = unlike.amax(dim=0) * allowance(len(places)) + _by_noise(patches[chosen])
+        worst = worst.clamp(min=_UNLIKE_BY_CODING)
         rows = {"patch": patches[chosen], "low": lowest - beyond, "high": highest + beyond}
         self.rows.replace({**rows, "stands_out": stands_out[chosen], "worst": worst})
 
