@@ -44,9 +44,8 @@ _STILL = 1.0  # pixels: what moves by less in all demonstrations moves by noise
 _BEYOND = 15.0  # ranges of a patch's places, over their number: how far beyond it is looked for
 _PIXELS = 3.0  # and so many more
 _MARGIN, _FEW = 0.9, 8  # as of the detector of novelty: of N demonstrations, _FEW / N of it
-_UNLIKE_BY_CODING = (
-    0.02  # 1 − correlation: a video's frames differ by as much, also of still things
-)
+# 1 − correlation, by which frames of a video differ, of still things too.
+_UNLIKE_BY_CODING = 0.02
 _NOISE = 10 / 255  # standard deviation of a camera's noise, which is nothing new
 
 
@@ -103,8 +102,8 @@ class Patches(nn.Module):
         self.background.fit(seen)
         less, less_later = self.background.taken_from(seen), self.background.taken_from(seen_later)
         whole, parts = _candidates(seen, self.size), _candidates(less, self.size)
-        patches, stands_out = torch.cat([whole, parts]), torch.arange(len(whole) + len(parts))
-        stands_out = stands_out >= len(whole)
+        patches = torch.cat([whole, parts])
+        stands_out = torch.arange(len(patches)) >= len(whole)
         found = _joined(find(seen, whole), find(less, parts))
         again = _joined(find(seen_later, whole), find(less_later, parts))
         moved = (again.places - found.places).norm(dim=2) > _MOVED

@@ -72,9 +72,8 @@ class Projection(nn.Module):
         components = _components(features.double())
         centre = features.double().mean(dim=0)
         projected = (features.double() - centre) @ components.T
-        unit = (
-            projected.square().mean().sqrt().clamp(min=1e-30)
-        )  # networks have scales of their own
+        # Networks have scales of their own.
+        unit = projected.square().mean().sqrt().clamp(min=1e-30)
         choice = choose_first(projected / unit, goals)
         self.rows.replace({"component": components})
         self.centre.copy_(centre)
