@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from pacnet.core.growable_rows import copy_on_state_dict
-from pacnet.core.integrity import check_on_load, check_structure
 
 _DARK = 0.08  # brightness up to which noise says more about a pixel than the light
 _EVERY = 2  # pixels: so many are enough to tell the light
@@ -30,7 +27,6 @@ class Background(nn.Module):
         super().__init__()
         self.register_buffer("median", torch.zeros(3, height, width, dtype=torch.uint8))
         copy_on_state_dict(self)
-        check_on_load(self)
 
     def fit(self, pictures: Tensor) -> None:
         """Keep the median of pictures `[N, 3, h, w]`, from 0 to 1."""
@@ -46,10 +42,6 @@ class Background(nn.Module):
         median = self.median.float() / 255
         median = median if shift is None else _moved(median, shift)
         return pictures / _light(pictures, median)[:, None, None, None] - median
-
-    def check_state(self, tensors: Mapping[str, Tensor]) -> None:
-        """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
-        check_structure(self, tensors)
 
 
 def _light(pictures: Tensor, median: Tensor) -> Tensor:

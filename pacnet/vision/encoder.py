@@ -198,7 +198,6 @@ class ImageEncoder(nn.Module):
                 "errors ≥ 0": bool((quality >= 0).all() and quality.isfinite().all()),
                 "finite goals": tensors["shown.goals"].isfinite().all(),
                 "inputs that are seen": _fits(len(tensors["readout.inputs.mean"]), tensors),
-                "places in the picture": self._are_within(tensors),
                 "demonstrations in order": bool(
                     (numbers >= 0).all()
                     and (numbers < _MOST_SHOWN).all()
@@ -208,19 +207,6 @@ class ImageEncoder(nn.Module):
                 ),
             }
         )
-
-    def _are_within(self, tensors: Mapping[str, Tensor]) -> bool:
-        """Return whether patches are looked for in pictures, and those that never move lie there.
-
-        Patches themselves are checked before, and do not know how large a picture is.
-        """
-        if not isinstance(self.seen, Patches):
-            return True
-        sides = torch.tensor([self.config.height, self.config.width])
-        low, high = tensors["seen.rows.low"], tensors["seen.rows.high"]
-        place, size = tensors["seen.reference.rows.place"], self.seen.reference.size
-        within = (low <= sides - self.seen.size) & (high >= 0)
-        return bool(within.all() and (place <= sides - size).all())
 
 
 def _fits(inputs: int, tensors: Mapping[str, Tensor]) -> bool:

@@ -32,7 +32,7 @@ from pacnet.vision.reference import Reference
 from pacnet.vision.regression import Choice, choose
 
 CANDIDATES = 80  # patches that are tried, of pictures as they are, and as many less background
-_LEAST_EACH = 4  # of them from each picture
+_LEAST_EACH = 2  # of them from each picture
 _MOST = 3  # patches that are kept
 _UNLIKE = 0.02  # what a correlation of 0 adds to the error
 _DISTINCT = 0.3  # margin from which another place is out of the question
@@ -156,10 +156,18 @@ class Patches(nn.Module):
         """Raise a ValueError unless these tensors, of a `state_dict`, are the state of one."""
         check_structure(self, tensors)
         low, high, worst = (tensors[f"rows.{name}"] for name in ("low", "high", "worst"))
+        place, sides = (
+            tensors["reference.rows.place"],
+            torch.tensor(self.background.median.shape[1:]),
+        )
         check_conditions(
             {
                 "finite patches": tensors["rows.patch"].isfinite().all(),
                 "places to look at": bool((low <= high).all() and (high - low).isfinite().all()),
+                "places in the picture": bool(
+                    ((low <= sides - self.size) & (high >= 0)).all()
+                    and (place <= sides - self.reference.size).all()
+                ),
                 "thresholds > 0": bool((worst > 0).all() and worst.isfinite().all()),
                 f"at most {_MOST} patches": len(worst) <= _MOST,
             }
