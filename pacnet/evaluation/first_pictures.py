@@ -6,11 +6,9 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor
-from torch.nn.functional import adaptive_avg_pool2d
 
 from pacnet.datasets.demonstrations import Demonstration
-
-_CELLS = 16  # to a side, over each of which a picture is averaged
+from pacnet.vision.projection import small
 
 
 class FirstPictures:
@@ -45,6 +43,5 @@ class FirstPictures:
             raise ValueError(
                 f"expected pictures of {lacking[0]!r}, episode {part.episode} has none"
             )
-        first = [torch.tensor(part.pictures[name][0]) for name in self._cameras]
-        means = [adaptive_avg_pool2d(one.permute(2, 0, 1).double(), _CELLS) for one in first]
-        return torch.cat([one.ravel() / 255 for one in means])
+        first = [torch.tensor(part.pictures[name][:1]) for name in self._cameras]
+        return torch.cat([small(one)[0].double() for one in first])
